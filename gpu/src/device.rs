@@ -1,6 +1,6 @@
 //! Entry points on a graphics processor, and the memory of a thread.
 //!
-//! A thread advances one rollout. Its data lie in its own local memory, which the hardware interleaves between the
+//! A thread advances one rollout after the other. Its data lie in its own local memory, which the hardware interleaves between the
 //! threads of a warp, so that neighbours read neighbouring addresses. There is an entry point for each size of that
 //! memory; the program chooses the smallest that suffices (`lanes::gpu::arena`).
 
@@ -9,24 +9,7 @@ use core::arch::nvptx::{_block_dim_x, _block_idx_x, _thread_idx_x, trap};
 use core::mem::MaybeUninit;
 
 use crate::bump::Bump;
-use crate::run::{Output, run};
-
-/// What a launch works on, in device memory.
-#[repr(C)]
-pub struct Launch {
-    /// Numbers of the topology, and how many.
-    topology: *const f64,
-    topology_len: usize,
-    /// Images of all rollouts, and where each begins; one more than rollouts.
-    images: *const f64,
-    starts: *const usize,
-    rollouts: usize,
-    /// Outputs of all rollouts, each of so many numbers.
-    outputs: *mut f64,
-    output_len: usize,
-    /// Room for an address for each thread.
-    arenas: *mut Bump,
-}
+use crate::launch::{Launch, rollouts};
 
 /// Free memory of each thread.
 static mut ARENAS: *mut Bump = core::ptr::null_mut();
@@ -37,43 +20,25 @@ fn thread() -> usize {
     unsafe { (_block_idx_x() * _block_dim_x() + _thread_idx_x()) as usize }
 }
 
-/// Runs the rollout of this thread with `WORDS` words of memory.
+/// Runs rollouts with `WORDS` words of memory.
 #[inline(always)]
 unsafe fn enter<const WORDS: usize>(launch: *const Launch) {
     let mut arena = MaybeUninit::<[u64; WORDS]>::uninit();
-    let launch = unsafe { &*launch };
-    let index = thread();
-    if index >= launch.rollouts {
-        return;
-    }
     unsafe {
+        let launch = &*launch;
         // Every thread writes the same address.
         ARENAS = launch.arenas;
-        *launch.arenas.add(index) = Bump(arena.as_mut_ptr().cast());
-        rollout(launch, index);
+        *launch.arenas.add(thread()) = Bump(arena.as_mut_ptr().cast());
+        rollouts(launch);
     }
     // The memory is in use until here.
     core::hint::black_box(&mut arena);
 }
 
-/// # Safety
-/// `launch` describes memory of the device, and `index` is less than its number of rollouts.
-#[inline(never)]
-unsafe fn rollout(launch: &Launch, index: usize) {
-    unsafe {
-        let topology = core::slice::from_raw_parts(launch.topology, launch.topology_len);
-        let (from, to) = (*launch.starts.add(index), *launch.starts.add(index + 1));
-        let image = core::slice::from_raw_parts(launch.images.add(from), to - from);
-        let numbers = launch.outputs.add(index * launch.output_len);
-        let numbers = core::slice::from_raw_parts_mut(numbers, launch.output_len);
-        run(topology, image, &mut Output::new(numbers));
-    }
-}
-
 macro_rules! entry_points {
     ($($name:ident $kilobytes:literal)*) => {$(
         /// # Safety
-        /// See [`rollout`].
+        /// See [`rollouts`].
         #[unsafe(no_mangle)]
         pub unsafe extern "ptx-kernel" fn $name(launch: *const Launch) {
             unsafe { enter::<{ $kilobytes * 128 }>(launch) }

@@ -5,7 +5,11 @@
 //! `device` (the entry points, the allocator). On a processor the same code is a library, which tests compare with the
 //! program's engine.
 
-#![cfg_attr(target_arch = "nvptx64", no_std, feature(abi_ptx, stdarch_nvptx, prelude_import, core_float_math))]
+#![cfg_attr(
+    target_arch = "nvptx64",
+    no_std,
+    feature(abi_ptx, stdarch_nvptx, prelude_import, core_float_math)
+)]
 #![allow(internal_features, reason = "the prelude of code that is written for the standard library")]
 #![allow(dead_code, unused_imports, reason = "the program uses what this crate does not")]
 
@@ -17,6 +21,7 @@ extern crate core as std;
 mod bump;
 #[cfg(target_arch = "nvptx64")]
 mod device;
+mod launch;
 #[cfg(target_arch = "nvptx64")]
 mod prelude;
 mod run;
@@ -26,6 +31,7 @@ mod run;
 use prelude::*;
 
 pub use bump::Bump;
+pub use launch::{Launch, rollouts};
 pub use run::{Output, run};
 
 #[path = "../../src/names.rs"]
@@ -58,6 +64,7 @@ mod world {
         pub mod new_contact;
         pub mod outline;
         pub mod outline_separation;
+        pub mod rest_detection;
         pub mod simd;
         pub mod sincos;
         pub mod state;

@@ -1,8 +1,9 @@
-//! One rollout: the loop over its steps, as `lanes::batch` runs it.
+//! Rollouts of a thread: the loop over their steps, as `lanes::batch` runs it.
 
 use crate::world::lanes::exchange::Port;
 use crate::world::lanes::goal::GoalLanes;
 use crate::world::lanes::kernel::step;
+use crate::world::lanes::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
 use crate::world::lanes::state::BatchState;
 use crate::world::lanes::topology::Topology;
 use crate::world::state::BodyState;
@@ -24,66 +25,149 @@ pub struct Output<'a> {
     full: bool,
 }
 
-/// Advances a rollout from its state in `image` to its end.
+/// Advances rollouts of one topology from their states to their ends, one after the other; `next` supplies an image and
+/// room for the output.
 ///
-/// `topology` and `image` are written by the program's `gpu` engine: first the number of steps, whether the goal ends
-/// the rollout, and the steps between two observations, or 0 and a list of steps.
-pub fn run(topology: &[f64], image: &[f64], output: &mut Output) {
+/// `topology` and images are written by the program's `gpu` engine; an image begins with the number of steps, whether
+/// the goal ends the rollout, and the steps between two observations, or 0 and a list of steps. One loop over the steps
+/// of all rollouts, as in `lanes::batch`: neighbouring threads step together although their rollouts end at different
+/// times.
+pub fn run<'a>(topology: &[f64], mut next: impl FnMut() -> Option<(&'a [f64], Output<'a>)>) {
     let mut own = Topology::default();
     own.exchange(&mut Reader(topology));
-    let mut reader = Reader(image);
-    let steps = reader.whole(0);
-    let stop = reader.whole(0) == 1;
-    let every = reader.whole(0);
-    let listed = if every == 0 { reader.whole(0) } else { 0 };
-    let (list, rest) = reader.0.split_at(listed.min(reader.0.len()));
-    let mut reader = Reader(rest);
-    let mut schedule = Schedule { every, list, next: 0 };
     let mut state = BatchState::new(&own);
     reserve(&mut state);
     let mut goal = GoalLanes::new(&own);
-    state.exchange(LANE, &mut reader);
-    if let Some(goal) = &mut goal {
-        goal.exchange(LANE, &mut reader);
-    }
-    let mut solved = false;
-    let mut due = schedule.after(state.step_of(LANE) as usize).min(steps);
-    let (end, at) = loop {
+    let mut snapshot = StepSnapshot::with_capacity(&state);
+    let mut current: Option<Rollout> = None;
+    loop {
+        let Some(rollout) = &mut current else {
+            let Some((image, output)) = next() else { return };
+            current = Some(Rollout::load(image, output, &mut state, &mut goal));
+            snapshot.forget();
+            continue;
+        };
         step::<f64, 1>(&mut state);
+        let mut end = rollout.after_step(&mut state, &mut goal);
+        if end.is_none() && snapshot.is_taken() {
+            end = rollout.end_at_rest(&snapshot, &state, &goal);
+            snapshot.forget();
+        } else if (state.tick as u64).is_multiple_of(REST_CHECK_INTERVAL_STEPS) {
+            snapshot.take(&state, |_| true);
+        }
+        if let Some(end) = end {
+            rollout.finish(end, &state);
+            current = None;
+        }
+    }
+}
+
+/// A rollout in progress.
+struct Rollout<'a> {
+    steps: usize,
+    stop: bool,
+    schedule: Schedule<'a>,
+    /// Step of the next observation.
+    due: usize,
+    solved: bool,
+    output: Output<'a>,
+}
+
+/// How and after which step a rollout ended, and steps in which statics support bodies that were not simulated.
+struct End {
+    how: f64,
+    step: usize,
+    rolling: usize,
+}
+
+impl<'a> Rollout<'a> {
+    fn load(
+        image: &'a [f64],
+        output: Output<'a>,
+        state: &mut BatchState,
+        goal: &mut Option<GoalLanes>,
+    ) -> Rollout<'a> {
+        let mut reader = Reader(image);
+        let (steps, stop, every) = (reader.whole(0), reader.whole(0) == 1, reader.whole(0));
+        let listed = if every == 0 { reader.whole(0) } else { 0 };
+        let (list, rest) = reader.0.split_at(listed.min(reader.0.len()));
+        let mut reader = Reader(rest);
+        let mut schedule = Schedule { every, list, next: 0 };
+        state.exchange(LANE, &mut reader);
+        if let Some(goal) = goal {
+            goal.exchange(LANE, &mut reader);
+        }
+        let due = schedule.after(state.step_of(LANE) as usize).min(steps);
+        Rollout { steps, stop, schedule, due, solved: false, output }
+    }
+
+    /// Records a step; whether the rollout ends with it.
+    fn after_step(&mut self, state: &mut BatchState, goal: &mut Option<GoalLanes>) -> Option<End> {
         let now = state.step_of(LANE) as usize;
         if state.ends_diverged(LANE) {
+            state.new_contacts.clear();
             // The state after the diverged step is discarded.
-            break (DIVERGED, now - 1);
+            return Some(End { how: DIVERGED, step: now - 1, rolling: 0 });
         }
         for k in 0..state.new_contacts.len() {
             let index = state.new_contacts[k];
             if state.is_new_contact(index, LANE) {
                 let contact = state.contact(index);
                 let speed = (-contact.speed[LANE]).max(0.0);
-                output.contact([now as f64, contact.first as f64, contact.other as f64, speed]);
+                self.output.contact([now as f64, contact.first as f64, contact.other as f64, speed]);
             }
         }
         state.new_contacts.clear();
-        if let Some(goal) = &mut goal
-            && goal.update::<f64, 1>(&mut state)
+        if let Some(goal) = goal
+            && goal.update::<f64, 1>(state)
         {
             goal.needed[LANE] = f64::INFINITY;
-            solved = true;
-            if stop {
-                output.observe(now, &state);
-                break (AT_GOAL, now);
+            self.solved = true;
+            if self.stop {
+                self.output.observe(now, state);
+                return Some(End { how: AT_GOAL, step: now, rolling: 0 });
             }
         }
-        if now >= due {
-            output.observe(now, &state);
-            due = schedule.after(now).min(steps);
+        if now >= self.due {
+            self.output.observe(now, state);
+            self.due = self.schedule.after(now).min(self.steps);
         }
-        if now >= steps {
-            break (AT_HORIZON, steps);
+        (now >= self.steps).then_some(End { how: AT_HORIZON, step: self.steps, rolling: 0 })
+    }
+
+    /// Ends the rollout if its last step changed nothing: every further step would be the same.
+    fn end_at_rest(
+        &mut self,
+        before: &StepSnapshot,
+        state: &BatchState,
+        goal: &Option<GoalLanes>,
+    ) -> Option<End> {
+        let supported = before.same(state, LANE)? as usize;
+        let now = state.step_of(LANE) as usize;
+        let (mut how, mut last) = (AT_HORIZON, self.steps);
+        let more = goal.as_ref().and_then(|goal| goal.steps_remaining(LANE)).map(|more| more as usize);
+        if let Some(more) = more.filter(|more| *more <= self.steps - now) {
+            self.solved = true;
+            if self.stop {
+                (how, last) = (AT_GOAL, now + more);
+            }
         }
-    };
-    let rolling: f64 = state.bodies.iter().map(|b| b.rolling[LANE]).sum();
-    output.finish([end, at as f64, f64::from(u8::from(solved)), rolling]);
+        let mut step = self.schedule.after(now);
+        while step < last {
+            self.output.observe(step, state);
+            step = self.schedule.after(step);
+        }
+        if last > now {
+            self.output.observe(last, state);
+        }
+        Some(End { how, step: last, rolling: supported * (last - now) })
+    }
+
+    fn finish(&mut self, end: End, state: &BatchState) {
+        let rolling: f64 = state.bodies.iter().map(|b| b.rolling[LANE]).sum();
+        let solved = f64::from(u8::from(self.solved));
+        self.output.finish([end.how, end.step as f64, solved, rolling + end.rolling as f64]);
+    }
 }
 
 /// Reserves memory for everything that steps may add: memory is only returned at the end.

@@ -18,6 +18,8 @@ use super::output;
 
 /// Upper bound of the samples of all rollouts together, bytes.
 const MAX_SAMPLE_BYTES: usize = 8 << 30;
+/// Rollouts simulated together: at the end of a batch some threads wait for others.
+const BATCH: usize = 1 << 15;
 /// Numbers of a body's state in a sample: x, y, angle, vx, vy, omega.
 const STATE_NUMBERS: usize = 6;
 
@@ -36,7 +38,7 @@ pub fn run(config: &ArrayRollouts, input: &Path, out: &Path) -> Result<()> {
     let engine = select_engine(config.engine, &Rollout::of(&inputs.scene(0)?))?;
     let mut results = Results::new(config, inputs.count)?;
     let progress = output::TerminalProgress::new();
-    let size = config.engine.batch_size();
+    let size = config.engine.batch_size(BATCH);
     for start in (0..inputs.count).step_by(size) {
         iplw::progress::Progress::report(&progress, "rollouts", start as u64, inputs.count as u64)?;
         let batch: Vec<usize> = (start..(start + size).min(inputs.count)).collect();
@@ -55,7 +57,11 @@ pub fn run(config: &ArrayRollouts, input: &Path, out: &Path) -> Result<()> {
         if !config.samples {
             simulator = simulator.without_samples();
         }
-        results.add(start, &simulator.run(&rollouts)?)?;
+        let trajectories = simulator.run(&rollouts)?;
+        results.add(start, &trajectories)?;
+        // On all threads: freeing a hundred thousand scenes and trajectories takes as long as some rollouts.
+        drop(rollouts);
+        rayon::join(|| trajectories.into_par_iter().for_each(drop), || scenes.into_par_iter().for_each(drop));
     }
     progress.clear();
     results.write(out, config.scene, engine)

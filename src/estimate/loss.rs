@@ -66,7 +66,7 @@ pub fn segment_losses(
         let pairs: Vec<(usize, usize)> = (from..to)
             .flat_map(|segment| samples_left.iter().map(move |sample| (segment, *sample)))
             .collect();
-        for part in pairs.chunks(ROLLOUTS_PER_BATCH) {
+        for part in pairs.chunks(simulation.engine.batch_size(ROLLOUTS_PER_BATCH)) {
             progress.report("simulating samples", rollouts, total)?;
             let batch: Vec<Rollout> =
                 part.iter().map(|(p, s)| rollout(&segments[*p].scene, &physics[*s])).collect();
@@ -117,7 +117,7 @@ pub fn segment_residuals(
 ) -> Result<Vec<Vec<Vec<f64>>>> {
     let physics = sample_physics(samples, simulation);
     let mut rows = vec![Vec::with_capacity(segments.len()); samples.len()];
-    let together = (ROLLOUTS_PER_BATCH / samples.len().max(1)).max(1);
+    let together = (simulation.engine.batch_size(ROLLOUTS_PER_BATCH) / samples.len().max(1)).max(1);
     for (k, part) in segments.chunks(together).enumerate() {
         progress.report(stage, (k * together) as u64, segments.len() as u64)?;
         let batch: Vec<Rollout> = part

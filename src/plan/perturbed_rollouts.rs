@@ -58,7 +58,7 @@ impl<'a> PerturbedRollouts<'a> {
     /// Whether each (action, index of the rollout) solves the task, in order.
     pub fn solve(&self, copies: &[(&ValidAction, usize)], budget: &dyn Budget) -> Result<Vec<bool>> {
         let mut solved = Vec::with_capacity(copies.len());
-        for chunk in copies.chunks(SCENES_PER_BATCH) {
+        for chunk in copies.chunks(self.engine.batch_size(SCENES_PER_BATCH)) {
             solved.extend(self.solve_batch(chunk, budget)?);
         }
         Ok(solved)

@@ -102,7 +102,7 @@ pub fn label(
         if jobs.is_empty() {
             break;
         }
-        for chunk in jobs.chunks(PROGRESS_CHUNK) {
+        for chunk in jobs.chunks(config.engine.batch_size(PROGRESS_CHUNK)) {
             progress.report("label", done, total)?;
             for (job, solved) in chunk.iter().zip(simulate(chunk, config.engine, progress)?) {
                 found[job.task].push((job.action.clone(), solved));

@@ -33,6 +33,9 @@ pub struct OutcomesConfig {
     pub engine: Engine,
 }
 
+/// Actions simulated between two progress reports.
+const PROGRESS_CHUNK: usize = 4096;
+
 /// Sorted indices of `count` discrete actions of a space: all of them if there are no more, otherwise a random subset.
 pub fn select_action_indices(space: &ActionSpace, count: usize, seed: u64) -> Result<Vec<usize>> {
     check_range("actions", count as f64, 1.0, 1e6)?;
@@ -55,7 +58,7 @@ pub fn outcomes(
     look: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<i8>> {
     let mut found = Vec::with_capacity(actions.len());
-    for chunk in actions.chunks(config.engine.batch_size()) {
+    for chunk in actions.chunks(config.engine.batch_size(PROGRESS_CHUNK)) {
         look(found.len())?;
         let placed: Vec<Option<Box<Scene>>> = chunk.par_iter().map(|a| valid(task, a)).collect();
         let rollouts: Vec<Rollout> = placed

@@ -25,8 +25,7 @@ pub enum Engine {
 
 names!(Engine: Auto = "auto", Rapier = "rapier", Lanes = "lanes", Gpu = "gpu");
 
-/// Rollouts between two progress reports: enough to keep the engine busy.
-const BATCH_SIZE: usize = 4096;
+/// Rollouts that keep a graphics processor busy.
 const GPU_BATCH_SIZE: usize = 1 << 16;
 
 impl Engine {
@@ -40,9 +39,9 @@ impl Engine {
         Ok(engine)
     }
 
-    /// Rollouts between two progress reports of a long computation.
-    pub fn batch_size(self) -> usize {
-        if self == Engine::Gpu { GPU_BATCH_SIZE } else { BATCH_SIZE }
+    /// Rollouts to simulate together where a processor takes `on_processor`.
+    pub fn batch_size(self, on_processor: usize) -> usize {
+        if self == Engine::Gpu { on_processor.max(GPU_BATCH_SIZE) } else { on_processor }
     }
 }
 

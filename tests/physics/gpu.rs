@@ -18,6 +18,9 @@ use crate::lanes::{disc_scenes, mixed_scenes, same};
 use crate::properties::{any_scene, islands};
 use crate::thread_memory::bytes_taken;
 
+/// Rollouts of a thread, one after the other.
+const ROLLOUTS_PER_THREAD: usize = 3;
+
 /// The kernel on the processor, with the number of rollouts that it ran.
 #[derive(Default)]
 struct Emulator(Mutex<usize>);
@@ -30,9 +33,12 @@ impl Accelerator for Emulator {
     fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
         *self.0.lock().unwrap() += work.rollouts();
         let mut outputs = vec![0.0; work.rollouts() * work.output_len];
-        outputs.par_chunks_mut(work.output_len).enumerate().for_each(|(i, numbers)| {
-            let image = &work.images[work.starts[i]..work.starts[i + 1]];
-            let taken = bytes_taken(|| run(&work.topology, image, &mut Output::new(numbers)));
+        let images: Vec<&[f64]> = work.starts.windows(2).map(|ends| &work.images[ends[0]..ends[1]]).collect();
+        let of_threads = outputs.par_chunks_mut(ROLLOUTS_PER_THREAD * work.output_len);
+        of_threads.zip(images.par_chunks(ROLLOUTS_PER_THREAD)).for_each(|(numbers, images)| {
+            let mut left = images.iter().zip(numbers.chunks_mut(work.output_len));
+            let next = || left.next().map(|(image, numbers)| (*image, Output::new(numbers)));
+            let taken = bytes_taken(|| run(&work.topology, next));
             assert!(taken <= work.arena_kb * 1024, "{taken} bytes in a thread with {} kB", work.arena_kb);
         });
         Ok(outputs)

@@ -101,3 +101,15 @@ fn the_kernel_is_built_from_the_current_sources() {
     assert!(kernel.starts_with(&wanted), "gpu/kernel.ptx is older than its sources: run `make gpu-kernel`");
     assert!(kernel_sources().len() > 60, "{:?}", kernel_sources());
 }
+
+/// Sines and exponentials have the same bits only from the same version.
+#[test]
+fn the_kernel_and_the_program_use_one_version_of_libm() {
+    let version = |lock: &str| {
+        let text = text(lock.as_ref());
+        let (_, rest) = text.split_once("name = \"libm\"\nversion = ").unwrap();
+        rest.lines().next().unwrap().to_string()
+    };
+    assert_eq!(version("gpu/Cargo.lock"), version("Cargo.lock"));
+    assert_eq!(version("gpu/stand_in/Cargo.lock"), version("Cargo.lock"));
+}

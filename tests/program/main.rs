@@ -11,6 +11,7 @@ mod discover_cli;
 mod families;
 mod families_cli;
 mod foreign_files;
+mod gpu_cli;
 mod import_cli;
 mod kernel;
 mod language;

@@ -68,10 +68,10 @@ pub fn run(source: &mut dyn RolloutSource, end_at_rest: bool, instructions: &dyn
             batch.observe_due(source);
         }
         if end_at_rest {
-            if let Some(before) = batch.snapshot.take() {
-                batch.end_at_rest(&before, source);
+            if batch.snapshot.is_taken() {
+                batch.end_at_rest(source);
             } else if (batch.state.tick as u64).is_multiple_of(REST_CHECK_INTERVAL_STEPS) {
-                batch.snapshot = batch.snapshot();
+                batch.snapshot.take(&batch.state, |lane| batch.lanes[lane].is_some());
             }
         }
     }
@@ -85,7 +85,7 @@ struct LaneBatch {
     /// Earliest tick at which a lane must be observed or ends.
     due: f64,
     /// The state after the last step, if some lane may have come to rest.
-    snapshot: Option<StepSnapshot>,
+    snapshot: StepSnapshot,
     /// Whether some lane is still repeating its first step.
     has_warm_starts: bool,
 }
@@ -124,12 +124,13 @@ impl LaneRollout {
 impl LaneBatch {
     fn new(model: &RolloutModel) -> LaneBatch {
         let topology = Topology::of(model);
+        let state = BatchState::new(&topology);
         LaneBatch {
-            state: BatchState::new(&topology),
+            snapshot: StepSnapshot::with_capacity(&state),
+            state,
             goal: GoalLanes::new(&topology),
             lanes: Default::default(),
             due: f64::INFINITY,
-            snapshot: None,
             has_warm_starts: false,
         }
     }
@@ -188,7 +189,7 @@ impl LaneBatch {
         {
             lane_rollout.changed += 1;
             // A lane that was at rest may move after an intervention.
-            self.snapshot = None;
+            self.snapshot.forget();
             let end = intervene(&mut self.state, self.goal.as_mut(), lane, model, &change);
             if end.is_some() {
                 return end;
@@ -209,7 +210,7 @@ impl LaneBatch {
                 self.has_warm_starts = true;
                 lane_rollout.due = self.state.tick + f64::from(lane_rollout.next());
                 // A lane that restarts is not at rest.
-                self.snapshot = None;
+                self.snapshot.forget();
             }
         }
     }
@@ -320,13 +321,10 @@ impl LaneBatch {
         }
     }
 
-    /// A snapshot of the state, if some lane may be at rest.
-    fn snapshot(&self) -> Option<StepSnapshot> {
-        StepSnapshot::of(&self.state, |lane| self.lanes[lane].is_some())
-    }
-
     /// Finishes the lanes in which the last step changed nothing: every further step would be the same.
-    fn end_at_rest(&mut self, before: &StepSnapshot, source: &mut dyn RolloutSource) {
+    fn end_at_rest(&mut self, source: &mut dyn RolloutSource) {
+        // Refilled lanes and interventions must not change what the lanes are compared with.
+        let mut before = std::mem::take(&mut self.snapshot);
         for lane in 0..LANES {
             let Some(rolling) = before.same(&self.state, lane).filter(|_| self.lanes[lane].is_some()) else {
                 continue;
@@ -359,5 +357,7 @@ impl LaneBatch {
             lane_rollout.recorder.add_rolling_steps(rolling * (last - step));
             self.retire(lane, last, end, source);
         }
+        before.forget();
+        self.snapshot = before;
     }
 }

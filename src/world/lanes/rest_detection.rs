@@ -14,8 +14,10 @@ pub const REST_CHECK_INTERVAL_STEPS: u64 = 32;
 /// Speed, m/s and rad/s, above which a body is certainly not at rest.
 const MAX_REST_SPEED_M_S: f64 = 1e-9;
 
-/// All quantities that a step depends on.
+/// All quantities that a step depends on, if they were taken after the last step. Its memory is reused.
+#[derive(Default)]
 pub struct StepSnapshot {
+    taken: bool,
     columns: Vec<V>,
     /// Pairs of outlines with a manifold.
     contacts: Vec<usize>,
@@ -24,8 +26,19 @@ pub struct StepSnapshot {
 }
 
 impl StepSnapshot {
-    /// A snapshot of the state, if any lane is slow enough and no effect depends on time.
-    pub fn of(state: &BatchState, used: impl Fn(usize) -> bool) -> Option<StepSnapshot> {
+    /// A snapshot with memory for every state of these bodies and pairs.
+    pub fn with_capacity(state: &BatchState) -> StepSnapshot {
+        let (bodies, near) = (state.bodies.len(), state.near.len());
+        StepSnapshot {
+            columns: Vec::with_capacity(9 * bodies + 2 * state.pairs.len() + 6 * near),
+            contacts: Vec::with_capacity(near),
+            rolling: Vec::with_capacity(bodies),
+            ..StepSnapshot::default()
+        }
+    }
+
+    /// Takes a snapshot of the state, if any lane is slow enough and no effect depends on time.
+    pub fn take(&mut self, state: &BatchState, used: impl Fn(usize) -> bool) {
         let slow = |l: usize| {
             state.bodies.iter().all(|b| {
                 b.moving.vx[l].abs() < MAX_REST_SPEED_M_S
@@ -33,13 +46,26 @@ impl StepSnapshot {
                     && b.moving.omega[l].abs() < MAX_REST_SPEED_M_S
             })
         };
-        let worth = !state.clocked && (0..LANES).any(|l| used(l) && slow(l));
-        worth.then(|| StepSnapshot {
-            columns: collect_columns(state),
-            contacts: contacts(state).collect(),
-            rolling: state.bodies.iter().map(|b| b.rolling).collect(),
-            start_tick: state.start_tick,
-        })
+        self.taken = !state.clocked && (0..LANES).any(|l| used(l) && slow(l));
+        if self.taken {
+            self.columns.clear();
+            self.columns.extend(columns(state));
+            self.contacts.clear();
+            self.contacts.extend(contacts(state));
+            self.rolling.clear();
+            self.rolling.extend(state.bodies.iter().map(|b| b.rolling));
+            self.start_tick = state.start_tick;
+        }
+    }
+
+    /// Whether there is one.
+    pub fn is_taken(&self) -> bool {
+        self.taken
+    }
+
+    /// Discards it.
+    pub fn forget(&mut self) {
+        self.taken = false;
     }
 
     /// If the lane's rollout and state are unchanged: the number of bodies that were supported in the
@@ -57,16 +83,6 @@ impl StepSnapshot {
                 .sum::<f64>() as u32
         })
     }
-}
-
-/// [`columns`] collected into a vector of sufficient capacity: its iterator has no size hint, and
-/// reallocation would cost more than the copy.
-fn collect_columns(state: &BatchState) -> Vec<V> {
-    let points = state.near.iter().filter(|near| near.slot.is_some()).count();
-    let most = 9 * state.bodies.len() + 2 * state.pairs.len() + 6 * points;
-    let mut all = Vec::with_capacity(most);
-    all.extend(columns(state));
-    all
 }
 
 fn columns(state: &BatchState) -> impl Iterator<Item = V> + '_ {

@@ -8,14 +8,14 @@ pub const ARENA_SIZES_KB: [usize; 4] = [8, 16, 48, 128];
 /// Bytes of the objects that a thread stores, rounded up to include what growing vectors leave behind; a test compares
 /// them with the bytes that the kernel takes.
 const FIXED_BYTES: usize = 1024;
-const BODY_BYTES: usize = 256;
+const BODY_BYTES: usize = 344;
 const LAW_BYTES: usize = 104;
 const STATIC_BYTES: usize = 64;
 const EDGE_BYTES: usize = 48;
-const DISC_PAIR_BYTES: usize = 224;
+const DISC_PAIR_BYTES: usize = 240;
 const OUTLINE_BYTES: usize = 160;
 const CORNER_BYTES: usize = 40;
-const OUTLINE_PAIR_BYTES: usize = 440;
+const OUTLINE_PAIR_BYTES: usize = 496;
 const REGION_POINT_BYTES: usize = 16;
 /// Most points of a goal's region.
 pub const MAX_REGION_POINTS: usize = 16;

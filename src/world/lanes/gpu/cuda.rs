@@ -25,6 +25,7 @@ const MIN_CAPABILITY: [c_int; 2] = [7, 0];
 /// Fraction of the free memory of the device that data may take; the rest is for the threads' own memory.
 const MAX_MEMORY_FRACTION: f64 = 0.5;
 
+const ATTRIBUTE_MULTIPROCESSORS: c_int = 16;
 const ATTRIBUTE_CAPABILITY_MAJOR: c_int = 75;
 const ATTRIBUTE_CAPABILITY_MINOR: c_int = 76;
 
@@ -69,6 +70,7 @@ driver! {
     free b"cuMemFree_v2\0" (DevicePointer);
     upload b"cuMemcpyHtoD_v2\0" (DevicePointer, *const c_void, usize);
     download b"cuMemcpyDtoH_v2\0" (*mut c_void, DevicePointer, usize);
+    occupancy b"cuOccupancyMaxActiveBlocksPerMultiprocessor\0" (*mut c_int, Handle, c_int, usize);
     launch b"cuLaunchKernel\0" (Handle, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, Handle, *mut *mut c_void, *mut *mut c_void);
     synchronize b"cuCtxSynchronize\0" ();
     error_text b"cuGetErrorString\0" (Status, *mut *const c_char);
@@ -85,7 +87,15 @@ pub struct Cuda {
 struct Context {
     handle: Handle,
     /// The entry points, in the order of [`ARENA_SIZES_KB`].
-    entries: [Handle; ARENA_SIZES_KB.len()],
+    entries: [EntryPoint; ARENA_SIZES_KB.len()],
+}
+
+/// An entry point of the kernel.
+#[derive(Clone, Copy)]
+struct EntryPoint {
+    function: Handle,
+    /// Blocks that run at the same time; further ones would only wait.
+    max_blocks: usize,
 }
 
 // SAFETY: the driver's handles may be used from any thread; a lock is held while they are.
@@ -121,10 +131,11 @@ impl Cuda {
         driver.check("compiling the kernel", unsafe {
             (driver.load_module)(&mut module, text.as_ptr().cast())
         })?;
-        let mut entries = [std::ptr::null_mut(); ARENA_SIZES_KB.len()];
+        let multiprocessors = driver.attribute(device, ATTRIBUTE_MULTIPROCESSORS)?;
+        let mut entries =
+            [EntryPoint { function: std::ptr::null_mut(), max_blocks: 1 }; ARENA_SIZES_KB.len()];
         for (entry, kb) in entries.iter_mut().zip(ARENA_SIZES_KB) {
-            let name = std::ffi::CString::new(format!("rollout_{kb}")).map_err(|e| e.to_string())?;
-            driver.check("loading the kernel", unsafe { (driver.function)(entry, module, name.as_ptr()) })?;
+            *entry = driver.entry_point(module, &format!("rollout_{kb}"), multiprocessors as usize)?;
         }
         let description = driver.description(device)?;
         Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }), description })
@@ -134,24 +145,26 @@ impl Cuda {
         let driver = &self.driver;
         // SAFETY: the context of the device.
         driver.check("selecting the device", unsafe { (driver.set_context)(context.handle) })?;
-        let count = work.rollouts();
+        let kind =
+            ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
+        let (entry, count) = (context.entries[kind], work.rollouts());
+        let blocks = count.div_ceil(THREADS_PER_BLOCK).min(entry.max_blocks);
+        let threads = blocks * THREADS_PER_BLOCK;
         let mut outputs = vec![0.0f64; count * work.output_len];
-        let bytes = 8 * (work.images.len() + work.starts.len() + outputs.len() + count);
+        let bytes = 8 * (work.images.len() + work.starts.len() + outputs.len() + threads);
         let free = driver.free()?;
         if bytes as f64 > MAX_MEMORY_FRACTION * free as f64 {
-            return Err(format!(
-                "the rollouts need {} MB and the device has {} MB free",
-                bytes >> 20,
-                free >> 20
-            ));
+            let [needed, free] = [bytes, free].map(|bytes| bytes >> 20);
+            return Err(format!("the rollouts need {needed} MB and the device has {free} MB free"));
         }
         let topology = driver.copy(&work.topology)?;
         let images = driver.copy(&work.images)?;
         let starts = driver.copy(&work.starts)?;
         let results = driver.memory(8 * outputs.len())?;
-        let arenas = driver.memory(8 * count)?;
+        let arenas = driver.memory(8 * threads)?;
+        let taken = driver.copy(&[0u32])?;
         // `Launch` in `gpu/src/device.rs`.
-        let parameters: [u64; 8] = [
+        let parameters: [u64; 9] = [
             topology.address,
             work.topology.len() as u64,
             images.address,
@@ -160,33 +173,10 @@ impl Cuda {
             results.address,
             work.output_len as u64,
             arenas.address,
+            taken.address,
         ];
         let launch = driver.copy(&parameters)?;
-        let entry =
-            ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
-        let mut address = launch.address;
-        let mut arguments = [(&raw mut address).cast::<c_void>()];
-        let blocks = count.div_ceil(THREADS_PER_BLOCK) as c_uint;
-        let none = std::ptr::null_mut();
-        // SAFETY: the kernel takes one pointer to device memory that is described by `parameters`.
-        let status = unsafe {
-            let entry = context.entries[entry];
-            let threads = THREADS_PER_BLOCK as c_uint;
-            (driver.launch)(
-                entry,
-                blocks,
-                1,
-                1,
-                threads,
-                1,
-                1,
-                0,
-                none,
-                arguments.as_mut_ptr(),
-                std::ptr::null_mut(),
-            )
-        };
-        driver.check("starting rollouts", status)?;
+        driver.start(entry, blocks, launch.address)?;
         // SAFETY: waits for the launch; then the results fill the vector.
         driver.check("running rollouts", unsafe { (driver.synchronize)() })?;
         let to = outputs.as_mut_ptr().cast();
@@ -236,6 +226,40 @@ impl Driver {
             }
         };
         Err(format!("error {status} in {activity}: {reason}"))
+    }
+
+    /// The function of a module with this name.
+    fn entry_point(
+        &self,
+        module: Handle,
+        name: &str,
+        multiprocessors: usize,
+    ) -> std::result::Result<EntryPoint, String> {
+        let name = std::ffi::CString::new(name).map_err(|e| e.to_string())?;
+        let (mut function, mut blocks): (Handle, c_int) = (std::ptr::null_mut(), 0);
+        // SAFETY: pointers to variables of the declared types.
+        self.check("loading the kernel", unsafe { (self.function)(&mut function, module, name.as_ptr()) })?;
+        let status = unsafe { (self.occupancy)(&mut blocks, function, THREADS_PER_BLOCK as c_int, 0) };
+        self.check("reading the occupancy", status)?;
+        Ok(EntryPoint { function, max_blocks: multiprocessors * blocks.max(1) as usize })
+    }
+
+    /// Starts blocks of an entry point with the address of their parameters.
+    fn start(
+        &self,
+        entry: EntryPoint,
+        blocks: usize,
+        mut parameters: DevicePointer,
+    ) -> std::result::Result<(), String> {
+        let mut arguments = [(&raw mut parameters).cast::<c_void>()];
+        let (blocks, threads) = (blocks as c_uint, THREADS_PER_BLOCK as c_uint);
+        let (stream, extra) = (std::ptr::null_mut(), std::ptr::null_mut());
+        // SAFETY: the kernel takes one pointer to device memory, which is copied before the call returns.
+        let status = unsafe {
+            let arguments = arguments.as_mut_ptr();
+            (self.launch)(entry.function, blocks, 1, 1, threads, 1, 1, 0, stream, arguments, extra)
+        };
+        self.check("starting rollouts", status)
     }
 
     fn attribute(&self, device: c_int, attribute: c_int) -> std::result::Result<c_int, String> {
