@@ -30,7 +30,7 @@ def assemble(kernel: Path, capability: str) -> str:
 def main() -> None:
     kernel = Path(__file__).parent / "kernel.ptx"
     text = kernel.read_text()
-    for pattern, meaning in ((r"\bfma\.", "a fused operation"), (r"\.callprototype", "a call through a pointer"), (r"^\.extern", "a function that is missing")):
+    for pattern, meaning in ((r"\bfma\.|\bmad\.f|\b(add|sub|mul)\.f64", "an operation that is or may be fused"), (r"\.approx", "an approximation"), (r"\.callprototype", "a call through a pointer"), (r"^\.extern", "a function that is missing")):
         if re.search(pattern, text, re.M):
             sys.exit(f"the kernel contains {meaning}")
     for capability in CAPABILITIES:

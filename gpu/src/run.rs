@@ -1,7 +1,7 @@
 //! Rollouts of a thread: the loop over their steps, as `lanes::batch` runs it.
 
 use crate::world::lanes::exchange::Port;
-use crate::world::lanes::goal::GoalLanes;
+use crate::world::lanes::goal::{ConditionLanes, GoalLanes, MAX_REGION_POINTS};
 use crate::world::lanes::kernel::step;
 use crate::world::lanes::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
 use crate::world::lanes::state::BatchState;
@@ -15,13 +15,15 @@ const AT_HORIZON: f64 = 0.0;
 const AT_GOAL: f64 = 1.0;
 const DIVERGED: f64 = 2.0;
 
-/// What a rollout returns: [`Output::HEAD`] numbers, then for each observation its step and six numbers a body
+/// Output of a rollout: [`Output::HEAD`] numbers, then for each observation its step and six numbers a body
 /// (x, y, angle, vx, vy, omega), then from the end backwards four numbers a contact (step, first, other, speed).
 pub struct Output<'a> {
     numbers: &'a mut [f64],
     observations: usize,
     contacts: usize,
-    /// Whether a contact did not fit.
+    /// Numbers of all observations so far.
+    observed: usize,
+    /// Whether an observation or a contact did not fit.
     full: bool,
 }
 
@@ -36,8 +38,8 @@ pub fn run<'a>(topology: &[f64], mut next: impl FnMut() -> Option<(&'a [f64], Ou
     let mut own = Topology::default();
     own.exchange(&mut Reader(topology));
     let mut state = BatchState::new(&own);
-    reserve(&mut state);
     let mut goal = GoalLanes::new(&own);
+    reserve(&mut state, &mut goal);
     let mut snapshot = StepSnapshot::with_capacity(&state);
     let mut current: Option<Rollout> = None;
     loop {
@@ -171,13 +173,16 @@ impl<'a> Rollout<'a> {
 }
 
 /// Reserves memory for everything that steps may add: memory is only returned at the end.
-fn reserve(state: &mut BatchState) {
+fn reserve(state: &mut BatchState, goal: &mut Option<GoalLanes>) {
     let (pairs, near) = (state.pairs.len(), state.near.len());
     state.active_pairs.reserve_exact(pairs);
     state.active_manifolds.reserve_exact(near);
     state.free_manifolds.reserve_exact(near);
     state.manifolds.reserve_exact(near);
     state.new_contacts.reserve_exact(pairs + near);
+    if let Some(ConditionLanes::Inside { regions, .. }) = goal.as_mut().map(|goal| &mut goal.condition) {
+        regions[LANE].reserve_exact(MAX_REGION_POINTS);
+    }
 }
 
 /// Reads numbers that the program has written.
@@ -218,12 +223,12 @@ impl Output<'_> {
 
     /// An output in these numbers, with room for all observations.
     pub fn new(numbers: &mut [f64]) -> Output<'_> {
-        Output { numbers, observations: 0, contacts: 0, full: false }
+        Output { numbers, observations: 0, contacts: 0, observed: 0, full: false }
     }
 
     fn observe(&mut self, step: usize, state: &BatchState) {
         let width = 1 + 6 * state.bodies.len();
-        let from = Self::HEAD + self.observations * width;
+        let from = Self::HEAD + self.observed;
         if from + width > self.numbers.len() - 4 * self.contacts {
             self.full = true;
             return;
@@ -234,11 +239,12 @@ impl Output<'_> {
             self.numbers[from + 1 + 6 * i..][..6].copy_from_slice(&[x, y, angle, vx, vy, omega]);
         }
         self.observations += 1;
+        self.observed += width;
     }
 
     fn contact(&mut self, contact: [f64; 4]) {
         let end = self.numbers.len() - 4 * self.contacts;
-        if end < Self::HEAD + 4 {
+        if end < Self::HEAD + self.observed + 4 {
             self.full = true;
             return;
         }

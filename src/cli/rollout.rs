@@ -23,7 +23,7 @@ use super::rollout_arrays::{self, ArrayRollouts};
 /// axis is the rollout: `position` and `velocity` (rollouts, bodies, 2), `angle` and `angular_velocity` (rollouts, bodies),
 /// `density`, `friction`, `restitution` and EFFECT.PARAMETER (rollouts), in SI units; what is missing is the scene's.
 /// --out is an archive with `t`, `position`, `angle`, `velocity`, `angular_velocity` (rollouts, samples, bodies), NaN after
-/// the end of a rollout, and `solved` (1, 0; -1 without a goal), `end` (0 all steps, 1 goal, 2 diverged, 3 blocked),
+/// the end of a rollout (its last sample is after `steps` steps), and `solved` (1, 0; -1 without a goal), `end` (0 all steps, 1 goal, 2 diverged, 3 blocked),
 /// `steps`, `collisions`, `rolling_steps`.
 #[derive(clap::Args)]
 pub struct Args {
@@ -68,8 +68,8 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let file = (args.out != "-").then(|| PathBuf::from(&args.out));
     file.as_deref().map_or(Ok(()), |path| output::prepare_file("--out", path))?;
-    let mut results = Vec::new();
-    for (chunk, engines) in scenes.chunks(SCENES_PER_WRITE).zip(engines.chunks(SCENES_PER_WRITE)) {
+    let (mut results, size) = (Vec::new(), engine.batch_size(SCENES_PER_WRITE));
+    for (chunk, engines) in scenes.chunks(size).zip(engines.chunks(size)) {
         let rollouts: Vec<Rollout> = chunk.iter().map(Rollout::of).collect();
         for (engine, trajectory) in engines.iter().zip(Simulator::new(engine).run(&rollouts)?) {
             let line = serde_json::to_writer(&mut results, &RolloutRecord::of(&trajectory, engine));

@@ -16,7 +16,15 @@ fn kernel_sources() -> BTreeSet<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let lib = text("gpu/src/lib.rs".as_ref());
     let mut files = BTreeSet::from(
-        ["gpu/src/lib.rs", "gpu/build.sh", "gpu/Cargo.lock", "src/names.rs"].map(PathBuf::from),
+        [
+            "gpu/src/lib.rs",
+            "gpu/build.rs",
+            "gpu/build.sh",
+            "gpu/Cargo.toml",
+            "gpu/Cargo.lock",
+            "src/names.rs",
+        ]
+        .map(PathBuf::from),
     );
     let mut folder = PathBuf::from("gpu/src");
     for line in lib.lines().map(str::trim) {

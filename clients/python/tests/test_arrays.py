@@ -30,7 +30,7 @@ COUNT = 50
 def rollout(folder: Path, *arguments: str, arrays: dict[str, Any]) -> subprocess.CompletedProcess[str]:
     (folder / "scene.json").write_text(json.dumps(SCENE))
     np.savez(folder / "in.npz", **arrays)
-    command = [BINARY, "rollout", "--scene", folder / "scene.json", "--in", folder / "in.npz", "--out", folder / "out.npz", *arguments]
+    command = [str(BINARY), "rollout", "--scene", str(folder / "scene.json"), "--in", str(folder / "in.npz"), "--out", str(folder / "out.npz"), *arguments]
     return subprocess.run(command, capture_output=True, text=True)
 
 
@@ -58,8 +58,7 @@ def test_arrays_have_the_bits_of_single_scenes(tmp_path: Path) -> None:
             body["friction"] = arrays["friction"][i]
         scene["effects"] = [{"name": "linear_drag", "parameters": {"c": arrays["linear_drag.c"][i]}}]
         lines.append(json.dumps(scene))
-    command = [BINARY, "rollout"]
-    singles = subprocess.run(command, input="\n".join(lines), capture_output=True, text=True, check=True).stdout.splitlines()
+    singles = subprocess.run([str(BINARY), "rollout"], input="\n".join(lines), capture_output=True, text=True, check=True).stdout.splitlines()
     with np.load(tmp_path / "out.npz") as out:
         assert out["bodies"].tolist() == ["a", "b"]
         assert json.loads(str(out["about"]))["engine"] == "lanes"

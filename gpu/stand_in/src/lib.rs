@@ -41,15 +41,11 @@ pub unsafe extern "C" fn cuDeviceGet(device: *mut c_int, _: c_int) -> c_int {
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn cuDeviceGetName(name: *mut c_char, _: c_int, _: c_int) -> c_int {
-    unsafe { std::ptr::copy_nonoverlapping(c"stand-in".as_ptr(), name, 9) };
-    OK
-}
-
-#[unsafe(no_mangle)]
 pub unsafe extern "C" fn cuDeviceGetAttribute(value: *mut c_int, attribute: c_int, _: c_int) -> c_int {
     // Multiprocessors, and compute capability 9.0.
-    unsafe { *value = [(16, 2), (75, 9), (76, 0)].iter().find(|(a, _)| *a == attribute).map_or(0, |(_, v)| *v) };
+    unsafe {
+        *value = [(16, 2), (75, 9), (76, 0)].iter().find(|(a, _)| *a == attribute).map_or(0, |(_, v)| *v)
+    };
     OK
 }
 
@@ -123,15 +119,29 @@ pub unsafe extern "C" fn cuMemcpyDtoH_v2(to: *mut c_void, from: u64, bytes: usiz
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn cuOccupancyMaxActiveBlocksPerMultiprocessor(blocks: *mut c_int, _: Handle, _: c_int, _: usize) -> c_int {
+pub unsafe extern "C" fn cuOccupancyMaxActiveBlocksPerMultiprocessor(
+    blocks: *mut c_int,
+    _: Handle,
+    _: c_int,
+    _: usize,
+) -> c_int {
     unsafe { *blocks = 1 };
     OK
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn cuLaunchKernel(
-    _function: Handle, blocks: c_uint, y: c_uint, z: c_uint, threads: c_uint, b: c_uint, c: c_uint, shared: c_uint,
-    _stream: Handle, arguments: *mut *mut c_void, _extra: *mut *mut c_void,
+    _function: Handle,
+    blocks: c_uint,
+    y: c_uint,
+    z: c_uint,
+    threads: c_uint,
+    b: c_uint,
+    c: c_uint,
+    shared: c_uint,
+    _stream: Handle,
+    arguments: *mut *mut c_void,
+    _extra: *mut *mut c_void,
 ) -> c_int {
     if [y, z, b, c, shared] != [1, 1, 1, 1, 0] {
         return INVALID;

@@ -18,7 +18,7 @@ pub struct NumberArray {
     pub values: Vec<f64>,
 }
 
-/// Size of an archive up to which it is read, bytes.
+/// Maximum size of all arrays of an archive, bytes.
 const MAX_ARCHIVE_BYTES: u64 = 8 << 30;
 
 /// All arrays of an archive by name.
@@ -29,12 +29,15 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, NumberArray>> {
         Error::input(&name, e, "an archive of arrays as `numpy.savez` writes it (.npz)")
     };
     let mut archive = ZipArchive::new(file).map_err(no_archive)?;
-    let mut arrays = BTreeMap::new();
+    let (mut arrays, mut left) = (BTreeMap::new(), MAX_ARCHIVE_BYTES);
     for i in 0..archive.len() {
         let member = archive.by_index(i).map_err(no_archive)?;
         let label = member.name().map_err(no_archive)?.trim_end_matches(".npy").to_string();
         let mut bytes = Vec::new();
-        member.take(MAX_ARCHIVE_BYTES).read_to_end(&mut bytes).map_err(|e| Error::io(path, e))?;
+        member.take(left + 1).read_to_end(&mut bytes).map_err(|e| Error::io(path, e))?;
+        left = left.checked_sub(bytes.len() as u64).ok_or_else(|| {
+            Error::input(&name, "larger", format!("arrays of at most {} GB", MAX_ARCHIVE_BYTES >> 30))
+        })?;
         let (shape, data) = parse(&format!("{name}: {label}"), &bytes, F64, 8)?;
         let values = data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
         arrays.insert(label, NumberArray { shape, values });

@@ -10,6 +10,9 @@ use super::topology::{GoalTopology, Topology};
 use crate::task::geometry::polygon_contains;
 use crate::world::effect::LANES;
 
+/// Maximum number of points of a region in a thread of a graphics processor.
+pub const MAX_REGION_POINTS: usize = 16;
+
 /// Goals in all lanes, of the same kind and between the same objects.
 pub struct GoalLanes {
     pub condition: ConditionLanes,

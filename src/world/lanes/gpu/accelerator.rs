@@ -25,9 +25,6 @@ impl RolloutImages {
 
 /// A graphics processor, or what stands for one in tests.
 pub trait Accelerator: Sync {
-    /// Name and memory, in words.
-    fn description(&self) -> String;
-
     /// The outputs of all rollouts.
     ///
     /// # Errors

@@ -1,12 +1,13 @@
 //! Memory that a rollout needs in a thread of a graphics processor.
 
+use super::super::goal::MAX_REGION_POINTS;
 use super::super::topology::Topology;
 
 /// Memory of a thread for which the kernel has entry points, kB.
 pub const ARENA_SIZES_KB: [usize; 4] = [8, 16, 48, 128];
 
-/// Bytes of the objects that a thread stores, rounded up to include what growing vectors leave behind; a test compares
-/// them with the bytes that the kernel takes.
+/// Upper bounds of the bytes of the objects that a thread stores, with the memory that growing vectors abandon; a test
+/// compares them with the bytes that the kernel takes.
 const FIXED_BYTES: usize = 1024;
 const BODY_BYTES: usize = 344;
 const LAW_BYTES: usize = 104;
@@ -17,8 +18,6 @@ const OUTLINE_BYTES: usize = 160;
 const CORNER_BYTES: usize = 40;
 const OUTLINE_PAIR_BYTES: usize = 496;
 const REGION_POINT_BYTES: usize = 16;
-/// Most points of a goal's region.
-pub const MAX_REGION_POINTS: usize = 16;
 
 /// The smallest of [`ARENA_SIZES_KB`] that suffices, if one does.
 pub fn arena_size(topology: &Topology) -> Option<usize> {

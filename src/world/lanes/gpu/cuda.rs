@@ -1,4 +1,4 @@
-//! NVIDIA's driver, loaded at run time: nothing needs it to build, and machines without it run as ever.
+//! NVIDIA's driver, loaded at run time: the program builds and runs without it.
 //!
 //! Source: CUDA Driver API (NVIDIA). The kernel is stored as PTX for compute capability 7.0, which the driver compiles
 //! for the device when it is first used and stores in its own cache.
@@ -59,7 +59,6 @@ driver! {
     init b"cuInit\0" (c_uint);
     device_count b"cuDeviceGetCount\0" (*mut c_int);
     device b"cuDeviceGet\0" (*mut c_int, c_int);
-    device_name b"cuDeviceGetName\0" (*mut c_char, c_int, c_int);
     device_attribute b"cuDeviceGetAttribute\0" (*mut c_int, c_int, c_int);
     retain_context b"cuDevicePrimaryCtxRetain\0" (*mut Handle, c_int);
     set_context b"cuCtxSetCurrent\0" (Handle);
@@ -81,7 +80,6 @@ pub struct Cuda {
     driver: Driver,
     /// The context, which is current on one thread at a time.
     context: Mutex<Context>,
-    description: String,
 }
 
 struct Context {
@@ -137,8 +135,7 @@ impl Cuda {
         for (entry, kb) in entries.iter_mut().zip(ARENA_SIZES_KB) {
             *entry = driver.entry_point(module, &format!("rollout_{kb}"), multiprocessors as usize)?;
         }
-        let description = driver.description(device)?;
-        Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }), description })
+        Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }) })
     }
 
     fn launch(&self, context: &Context, work: &RolloutImages) -> std::result::Result<Vec<f64>, String> {
@@ -163,7 +160,7 @@ impl Cuda {
         let results = driver.memory(8 * outputs.len())?;
         let arenas = driver.memory(8 * threads)?;
         let taken = driver.copy(&[0u32])?;
-        // `Launch` in `gpu/src/device.rs`.
+        // `Launch` in `gpu/src/launch.rs`.
         let parameters: [u64; 9] = [
             topology.address,
             work.topology.len() as u64,
@@ -187,17 +184,13 @@ impl Cuda {
 }
 
 impl Accelerator for Cuda {
-    fn description(&self) -> String {
-        self.description.clone()
-    }
-
     fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
         let context = crate::sync::lock(&self.context);
         self.launch(&context, work).map_err(|reason| Error::Failed(format!("graphics processor: {reason}")))
     }
 }
 
-/// DeviceMemory of the device; freed when dropped.
+/// Device memory; freed on drop.
 struct DeviceMemory<'a> {
     driver: &'a Driver,
     address: DevicePointer,
@@ -267,16 +260,6 @@ impl Driver {
         // SAFETY: a pointer to a variable of the declared type.
         self.check("reading attributes", unsafe { (self.device_attribute)(&mut value, attribute, device) })?;
         Ok(value)
-    }
-
-    fn description(&self, device: c_int) -> std::result::Result<String, String> {
-        let mut name = [0; 128];
-        // SAFETY: the buffer has the stated size, and the driver ends the text with 0.
-        self.check("reading the name", unsafe {
-            (self.device_name)(name.as_mut_ptr(), name.len() as c_int, device)
-        })?;
-        let name = unsafe { CStr::from_ptr(name.as_ptr()) }.to_string_lossy();
-        Ok(format!("{name}, {} MB free", self.free()? >> 20))
     }
 
     /// Free memory of the device, bytes.

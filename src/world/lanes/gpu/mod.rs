@@ -16,7 +16,7 @@ mod find;
 use rayon::prelude::*;
 
 use super::exchange::{NumberWriter, Port};
-use super::goal::GoalLanes;
+use super::goal::{GoalLanes, MAX_REGION_POINTS};
 use super::state::BatchState;
 use super::topology::Topology;
 use crate::error::{Error, Result};
@@ -26,7 +26,7 @@ use crate::world::goal::GoalCondition;
 use crate::world::observe::ObservationSchedule;
 use crate::world::record::{BodyState, Recorder};
 pub use accelerator::{Accelerator, RolloutImages};
-use arena::{MAX_REGION_POINTS, arena_size};
+use arena::arena_size;
 pub use find::find;
 
 /// Rollouts that are loaded by one thread before the next.
