@@ -279,16 +279,20 @@ impl Results {
         Ok(())
     }
 
-    fn write(&self, out: &Path, scene: &Scene, engine: Engine) -> Result<()> {
-        let temporary = out.with_extension("npz.part");
-        let mut file = ArchiveWriter::create(&temporary)?;
+    /// Writes the archive; arrays are freed as soon as they are in it.
+    fn write(mut self, out: &Path, scene: &Scene, engine: Engine) -> Result<()> {
+        let mut file = ArchiveWriter::new();
         let (count, samples, bodies) = (self.outcomes.len(), self.times.len(), self.bodies);
         if self.samples {
             file.add_f64("t", &[samples], &self.times)?;
-            file.add_f64("position", &[count, samples, bodies, 2], &self.position)?;
-            file.add_f64("angle", &[count, samples, bodies], &self.angle)?;
-            file.add_f64("velocity", &[count, samples, bodies, 2], &self.velocity)?;
-            file.add_f64("angular_velocity", &[count, samples, bodies], &self.angular_velocity)?;
+            file.add_f64("position", &[count, samples, bodies, 2], &std::mem::take(&mut self.position))?;
+            file.add_f64("angle", &[count, samples, bodies], &std::mem::take(&mut self.angle))?;
+            file.add_f64("velocity", &[count, samples, bodies, 2], &std::mem::take(&mut self.velocity))?;
+            file.add_f64(
+                "angular_velocity",
+                &[count, samples, bodies],
+                &std::mem::take(&mut self.angular_velocity),
+            )?;
         }
         let bytes =
             |of: fn(&Outcome) -> i8| -> Vec<u8> { self.outcomes.iter().map(|o| of(o) as u8).collect() };
@@ -305,7 +309,6 @@ impl Results {
         let about = json!({"version": env!("CARGO_PKG_VERSION"), "engine": engine.name(), "scene": scene})
             .to_string();
         file.add_texts("about", &[], &[&about])?;
-        file.finish()?.into_inner().map_err(|e| Error::io(out, e.into_error()))?;
-        std::fs::rename(&temporary, out).map_err(|e| Error::io(out, e))
+        output::write_whole(out, &file.finish()?)
     }
 }

@@ -1,8 +1,9 @@
 //! Archives of arrays, `.npz`: as `numpy.savez` writes and `numpy.load` reads them.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::fs::File;
-use std::io::{BufWriter, Read, Seek, Write};
+use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
 use iplw::error::{Error, Result};
@@ -45,31 +46,38 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, NumberArray>> {
     Ok(arrays)
 }
 
-/// Writes an archive array by array.
-pub struct ArchiveWriter<W: Write + Seek>(ZipWriter<W>);
+/// An archive in memory, written array by array.
+pub struct ArchiveWriter(ZipWriter<Cursor<Vec<u8>>>);
 
-impl ArchiveWriter<BufWriter<File>> {
-    /// A new file.
-    pub fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).map_err(|e| Error::io(path, e))?;
-        Ok(ArchiveWriter(ZipWriter::new(BufWriter::new(file))))
+/// Values of an array that are converted to bytes together.
+const VALUES_PER_WRITE: usize = 1 << 16;
+
+impl ArchiveWriter {
+    /// An empty archive.
+    pub fn new() -> ArchiveWriter {
+        ArchiveWriter(ZipWriter::new(Cursor::new(Vec::new())))
     }
-}
 
-impl<W: Write + Seek> ArchiveWriter<W> {
     /// Adds an array; `kind` is NumPy's name of the type.
     pub fn add(&mut self, name: &str, kind: &str, shape: &[usize], data: &[u8]) -> Result<()> {
-        let options =
-            SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
-        let failed = |e: String| Error::Failed(format!("cannot write the array {name}: {e}"));
-        self.0.start_file(format!("{name}.npy"), options).map_err(|e| failed(e.to_string()))?;
-        self.0.write_all(&header(kind, shape)).map_err(|e| failed(e.to_string()))?;
-        self.0.write_all(data).map_err(|e| failed(e.to_string()))
+        self.start(name, kind, shape)?;
+        self.0.write_all(data).map_err(|e| failed(name, e))
     }
 
     /// Adds an array of f64.
     pub fn add_f64(&mut self, name: &str, shape: &[usize], values: &[f64]) -> Result<()> {
-        self.add(name, F64, shape, &little_endian(values, f64::to_le_bytes))
+        self.start(name, F64, shape)?;
+        let mut parts = values.chunks(VALUES_PER_WRITE);
+        parts
+            .try_for_each(|part| self.0.write_all(&little_endian(part, f64::to_le_bytes)))
+            .map_err(|e| failed(name, e))
+    }
+
+    fn start(&mut self, name: &str, kind: &str, shape: &[usize]) -> Result<()> {
+        let options =
+            SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+        self.0.start_file(format!("{name}.npy"), options).map_err(|e| failed(name, e))?;
+        self.0.write_all(&header(kind, shape)).map_err(|e| failed(name, e))
     }
 
     /// Adds texts.
@@ -83,10 +91,15 @@ impl<W: Write + Seek> ArchiveWriter<W> {
         self.add(name, &format!("<U{longest}"), shape, &data)
     }
 
-    /// Completes the archive.
-    pub fn finish(self) -> Result<W> {
-        self.0.finish().map_err(|e| Error::Failed(format!("cannot complete the archive: {e}")))
+    /// The bytes of the complete archive.
+    pub fn finish(self) -> Result<Vec<u8>> {
+        let done = self.0.finish().map_err(|e| Error::Failed(format!("cannot complete the archive: {e}")))?;
+        Ok(done.into_inner())
     }
+}
+
+fn failed(name: &str, e: impl Display) -> Error {
+    Error::Failed(format!("cannot write the array {name}: {e}"))
 }
 
 /// Values as bytes.
@@ -102,10 +115,10 @@ mod tests {
     fn archives_are_read_as_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npz");
-        let mut writer = ArchiveWriter::create(&path).unwrap();
+        let mut writer = ArchiveWriter::new();
         writer.add_f64("x", &[2, 2], &[1.0, -0.5, f64::MAX, 0.0]).unwrap();
         writer.add_f64("y.c", &[1], &[3.0]).unwrap();
-        writer.finish().unwrap();
+        std::fs::write(&path, writer.finish().unwrap()).unwrap();
         let arrays = read(&path).unwrap();
         assert_eq!(arrays["x"], NumberArray { shape: vec![2, 2], values: vec![1.0, -0.5, f64::MAX, 0.0] });
         assert_eq!(arrays["y.c"], NumberArray { shape: vec![1], values: vec![3.0] });
