@@ -67,7 +67,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "docs/explanation/planning.md": ("explanation/planning.md", "Planning"),
     "docs/explanation/designs.md": ("explanation/designs.md", "Designs"),
     "docs/explanation/paper_reproduced.md": ("explanation/paper_reproduced.md", "The paper reproduced"),
-    "docs/explanation/graphics_processors.md": ("explanation/graphics_processors.md", "Graphics processors"),
+    "docs/explanation/gpu.md": ("explanation/gpu.md", "The GPU engine"),
     "docs/explanation/three_dimensions.md": ("explanation/three_dimensions.md", "3D?"),
     "docs/calibration.md": ("explanation/calibration.md", "How constants were chosen"),
     "docs/explanation/architecture.md": ("explanation/architecture.md", "Architecture"),

@@ -1,4 +1,4 @@
-//! Memory that is taken in order and returned only from the end: the allocator of a thread.
+//! A bump allocator, which frees only the last allocation: the memory of a thread.
 
 use core::alloc::Layout;
 
@@ -12,7 +12,7 @@ impl Bump {
     ///
     /// # Safety
     /// Enough memory follows the address.
-    pub unsafe fn take(&mut self, layout: Layout) -> *mut u8 {
+    pub unsafe fn alloc(&mut self, layout: Layout) -> *mut u8 {
         unsafe {
             let at = self.0.add(self.0.align_offset(layout.align()));
             self.0 = at.add(layout.size());
@@ -24,7 +24,7 @@ impl Bump {
     ///
     /// # Safety
     /// It was taken with this layout.
-    pub unsafe fn give_back(&mut self, at: *mut u8, layout: Layout) {
+    pub unsafe fn dealloc(&mut self, at: *mut u8, layout: Layout) {
         if unsafe { at.add(layout.size()) } == self.0 {
             self.0 = at;
         }
@@ -33,8 +33,8 @@ impl Bump {
     /// Changes the size of memory: in place if it was taken last.
     ///
     /// # Safety
-    /// As for [`Bump::take`] and [`Bump::give_back`].
-    pub unsafe fn resize(&mut self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+    /// As for [`Bump::alloc`] and [`Bump::dealloc`].
+    pub unsafe fn realloc(&mut self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         unsafe {
             if at.add(layout.size()) == self.0 {
                 self.0 = at.add(size);
@@ -43,7 +43,7 @@ impl Bump {
             if size <= layout.size() {
                 return at;
             }
-            let new = self.take(Layout::from_size_align_unchecked(size, layout.align()));
+            let new = self.alloc(Layout::from_size_align_unchecked(size, layout.align()));
             core::ptr::copy_nonoverlapping(at, new, layout.size());
             new
         }

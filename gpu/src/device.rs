@@ -53,15 +53,15 @@ struct Arena;
 // SAFETY: every thread has its own memory. The program chooses an entry point with enough of it.
 unsafe impl GlobalAlloc for Arena {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        unsafe { (*ARENAS.add(thread())).take(layout) }
+        unsafe { (*ARENAS.add(thread())).alloc(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        unsafe { (*ARENAS.add(thread())).give_back(at, layout) }
+        unsafe { (*ARENAS.add(thread())).dealloc(at, layout) }
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        unsafe { (*ARENAS.add(thread())).resize(at, layout, size) }
+        unsafe { (*ARENAS.add(thread())).realloc(at, layout, size) }
     }
 }
 

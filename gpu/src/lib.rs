@@ -58,6 +58,7 @@ mod world {
         pub mod disc_solver;
         pub mod exchange;
         pub mod goal;
+        pub mod gpu_format;
         pub mod kernel;
         pub mod manifold;
         pub mod manifold_solver;

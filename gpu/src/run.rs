@@ -1,7 +1,10 @@
 //! Rollouts of a thread: the loop over their steps, as `lanes::batch` runs it.
 
-use crate::world::lanes::exchange::Port;
+use crate::world::lanes::exchange::{NumberReader, Port};
 use crate::world::lanes::goal::{ConditionLanes, GoalLanes, MAX_REGION_POINTS};
+use crate::world::lanes::gpu_format::{
+    AT_GOAL, AT_HORIZON, CONTACT_LEN, DIVERGED, OutputHead, RolloutSettings, STATE_LEN, observation_len,
+};
 use crate::world::lanes::kernel::step;
 use crate::world::lanes::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
 use crate::world::lanes::state::BatchState;
@@ -10,33 +13,23 @@ use crate::world::state::BodyState;
 
 /// The only lane.
 const LANE: usize = 0;
-/// How a rollout ended, as numbers.
-const AT_HORIZON: f64 = 0.0;
-const AT_GOAL: f64 = 1.0;
-const DIVERGED: f64 = 2.0;
-
-/// Output of a rollout: [`Output::HEAD`] numbers, then for each observation its step and six numbers a body
-/// (x, y, angle, vx, vy, omega), then from the end backwards four numbers a contact (step, first, other, speed).
+/// Room for a rollout's output: see `lanes::gpu_format`.
 pub struct Output<'a> {
     numbers: &'a mut [f64],
-    observations: usize,
-    contacts: usize,
+    head: OutputHead,
     /// Numbers of all observations so far.
     observed: usize,
-    /// Whether an observation or a contact did not fit.
-    full: bool,
 }
 
 /// Advances rollouts of one topology from their states to their ends, one after the other; `next` supplies an image and
 /// room for the output.
 ///
-/// `topology` and images are written by the program's `gpu` engine; an image begins with the number of steps, whether
-/// the goal ends the rollout, and the steps between two observations, or 0 and a list of steps. One loop over the steps
-/// of all rollouts, as in `lanes::batch`: neighbouring threads step together although their rollouts end at different
-/// times.
+/// `topology` and images are written by the program's engine `gpu`: an image is the rollout's settings, the steps to
+/// observe if they are listed, its state and its goal. One loop over the steps of all rollouts, as in `lanes::batch`:
+/// neighbouring threads step together although their rollouts end at different times.
 pub fn run<'a>(topology: &[f64], mut next: impl FnMut() -> Option<(&'a [f64], Output<'a>)>) {
     let mut own = Topology::default();
-    own.exchange(&mut Reader(topology));
+    own.exchange(&mut NumberReader(topology));
     let mut state = BatchState::new(&own);
     let mut goal = GoalLanes::new(&own);
     reserve(&mut state, &mut goal);
@@ -66,18 +59,16 @@ pub fn run<'a>(topology: &[f64], mut next: impl FnMut() -> Option<(&'a [f64], Ou
 
 /// A rollout in progress.
 struct Rollout<'a> {
-    steps: usize,
-    stop: bool,
+    settings: RolloutSettings,
     schedule: Schedule<'a>,
     /// Step of the next observation.
     due: usize,
-    solved: bool,
     output: Output<'a>,
 }
 
 /// How and after which step a rollout ended, and steps in which statics support bodies that were not simulated.
 struct End {
-    how: f64,
+    how: usize,
     step: usize,
     rolling: usize,
 }
@@ -89,18 +80,17 @@ impl<'a> Rollout<'a> {
         state: &mut BatchState,
         goal: &mut Option<GoalLanes>,
     ) -> Rollout<'a> {
-        let mut reader = Reader(image);
-        let (steps, stop, every) = (reader.whole(0), reader.whole(0) == 1, reader.whole(0));
-        let listed = if every == 0 { reader.whole(0) } else { 0 };
-        let (list, rest) = reader.0.split_at(listed.min(reader.0.len()));
-        let mut reader = Reader(rest);
-        let mut schedule = Schedule { every, list, next: 0 };
+        let (mut settings, mut reader) = (RolloutSettings::default(), NumberReader(image));
+        settings.exchange(&mut reader);
+        let (list, rest) = reader.0.split_at(settings.listed);
+        let mut reader = NumberReader(rest);
+        let mut schedule = Schedule { every: settings.every, list, next: 0 };
         state.exchange(LANE, &mut reader);
         if let Some(goal) = goal {
             goal.exchange(LANE, &mut reader);
         }
-        let due = schedule.after(state.step_of(LANE) as usize).min(steps);
-        Rollout { steps, stop, schedule, due, solved: false, output }
+        let due = schedule.after(0).min(settings.steps);
+        Rollout { settings, schedule, due, output }
     }
 
     /// Records a step; whether the rollout ends with it.
@@ -116,7 +106,10 @@ impl<'a> Rollout<'a> {
             if state.is_new_contact(index, LANE) {
                 let contact = state.contact(index);
                 let speed = (-contact.speed[LANE]).max(0.0);
-                self.output.contact([now as f64, contact.first as f64, contact.other as f64, speed]);
+                self.output.head.collisions += usize::from(contact.other < state.bodies.len());
+                if self.settings.records_contacts {
+                    self.output.contact([now as f64, contact.first as f64, contact.other as f64, speed]);
+                }
             }
         }
         state.new_contacts.clear();
@@ -124,17 +117,17 @@ impl<'a> Rollout<'a> {
             && goal.update::<f64, 1>(state)
         {
             goal.needed[LANE] = f64::INFINITY;
-            self.solved = true;
-            if self.stop {
+            self.output.head.solved = true;
+            if self.settings.stop_at_goal {
                 self.output.observe(now, state);
                 return Some(End { how: AT_GOAL, step: now, rolling: 0 });
             }
         }
         if now >= self.due {
             self.output.observe(now, state);
-            self.due = self.schedule.after(now).min(self.steps);
+            self.due = self.schedule.after(now).min(self.settings.steps);
         }
-        (now >= self.steps).then_some(End { how: AT_HORIZON, step: self.steps, rolling: 0 })
+        (now >= self.settings.steps).then_some(End { how: AT_HORIZON, step: self.settings.steps, rolling: 0 })
     }
 
     /// Ends the rollout if its last step changed nothing: every further step would be the same.
@@ -146,11 +139,11 @@ impl<'a> Rollout<'a> {
     ) -> Option<End> {
         let supported = before.same(state, LANE)? as usize;
         let now = state.step_of(LANE) as usize;
-        let (mut how, mut last) = (AT_HORIZON, self.steps);
+        let (mut how, mut last) = (AT_HORIZON, self.settings.steps);
         let more = goal.as_ref().and_then(|goal| goal.steps_remaining(LANE)).map(|more| more as usize);
-        if let Some(more) = more.filter(|more| *more <= self.steps - now) {
-            self.solved = true;
-            if self.stop {
+        if let Some(more) = more.filter(|more| *more <= self.settings.steps - now) {
+            self.output.head.solved = true;
+            if self.settings.stop_at_goal {
                 (how, last) = (AT_GOAL, now + more);
             }
         }
@@ -167,8 +160,9 @@ impl<'a> Rollout<'a> {
 
     fn finish(&mut self, end: End, state: &BatchState) {
         let rolling: f64 = state.bodies.iter().map(|b| b.rolling[LANE]).sum();
-        let solved = f64::from(u8::from(self.solved));
-        self.output.finish([end.how, end.step as f64, solved, rolling + end.rolling as f64]);
+        let head = &mut self.output.head;
+        (head.end, head.step, head.rolling_steps) = (end.how, end.step, rolling as usize + end.rolling);
+        head.exchange(&mut SliceWriter(self.output.numbers));
     }
 }
 
@@ -185,13 +179,13 @@ fn reserve(state: &mut BatchState, goal: &mut Option<GoalLanes>) {
     }
 }
 
-/// Reads numbers that the program has written.
-struct Reader<'a>(&'a [f64]);
+/// Writes numbers to the start of a slice.
+struct SliceWriter<'a>(&'a mut [f64]);
 
-impl Port for Reader<'_> {
+impl Port for SliceWriter<'_> {
     fn number(&mut self, value: &mut f64) {
-        if let [first, rest @ ..] = self.0 {
-            (*value, self.0) = (*first, rest);
+        if let [first, rest @ ..] = std::mem::take(&mut self.0) {
+            (*first, self.0) = (*value, rest);
         }
     }
 }
@@ -218,43 +212,40 @@ impl Schedule<'_> {
 }
 
 impl Output<'_> {
-    /// End, last step, whether the goal was reached, rolling steps, observations, contacts, whether contacts are missing.
-    pub const HEAD: usize = 7;
-
     /// An output in these numbers, with room for all observations.
     pub fn new(numbers: &mut [f64]) -> Output<'_> {
-        Output { numbers, observations: 0, contacts: 0, observed: 0, full: false }
+        Output { numbers, head: OutputHead::default(), observed: 0 }
     }
 
     fn observe(&mut self, step: usize, state: &BatchState) {
-        let width = 1 + 6 * state.bodies.len();
-        let from = Self::HEAD + self.observed;
-        if from + width > self.numbers.len() - 4 * self.contacts {
-            self.full = true;
+        let len = observation_len(state.bodies.len());
+        let from = OutputHead::LEN + self.observed;
+        if from + len > self.free_end() {
+            self.head.overflowed = true;
             return;
         }
         self.numbers[from] = step as f64;
         for i in 0..state.bodies.len() {
             let BodyState { position: [x, y], angle, velocity: [vx, vy], omega } = state.body_in(i, LANE);
-            self.numbers[from + 1 + 6 * i..][..6].copy_from_slice(&[x, y, angle, vx, vy, omega]);
+            let numbers: [f64; STATE_LEN] = [x, y, angle, vx, vy, omega];
+            self.numbers[from + 1 + STATE_LEN * i..][..STATE_LEN].copy_from_slice(&numbers);
         }
-        self.observations += 1;
-        self.observed += width;
+        self.head.observations += 1;
+        self.observed += len;
     }
 
-    fn contact(&mut self, contact: [f64; 4]) {
-        let end = self.numbers.len() - 4 * self.contacts;
-        if end < Self::HEAD + self.observed + 4 {
-            self.full = true;
+    fn contact(&mut self, contact: [f64; CONTACT_LEN]) {
+        let end = self.free_end();
+        if end < OutputHead::LEN + self.observed + CONTACT_LEN {
+            self.head.overflowed = true;
             return;
         }
-        self.numbers[end - 4..end].copy_from_slice(&contact);
-        self.contacts += 1;
+        self.numbers[end - CONTACT_LEN..end].copy_from_slice(&contact);
+        self.head.contacts += 1;
     }
 
-    fn finish(&mut self, [end, step, solved, rolling]: [f64; 4]) {
-        let full = f64::from(u8::from(self.full));
-        let head = [end, step, solved, rolling, self.observations as f64, self.contacts as f64, full];
-        self.numbers[..Self::HEAD].copy_from_slice(&head);
+    /// End of the free part, after which contacts are stored.
+    fn free_end(&self) -> usize {
+        self.numbers.len() - CONTACT_LEN * self.head.contacts
     }
 }

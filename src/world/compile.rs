@@ -38,6 +38,7 @@ pub fn compile(rollout: &Rollout) -> Result<RolloutModel> {
         time_step: scene.time_step,
         steps: scene.steps,
         schedule,
+        records_contacts: true,
         sensors: view,
         effects: laws.names,
         rules: scene.contact_rules.unwrap_or_default(),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Rollout;
 use super::compile::{RolloutModel, compile};
-use super::lanes::{self, Topology, gpu};
+use super::lanes::{self, gpu};
 use crate::error::{Error, Result};
 use crate::names::names;
 
@@ -47,14 +47,13 @@ impl Engine {
 
 /// The engine that a simulation of the rollout uses.
 pub fn select_engine(engine: Engine, rollout: &Rollout) -> Result<Engine> {
-    let model = compile(rollout)?;
-    engine_for(engine, &model, &Topology::of(&model))
+    engine_for(engine, &compile(rollout)?)
 }
 
 /// The same for a compiled rollout.
-pub fn engine_for(engine: Engine, model: &RolloutModel, topology: &Topology) -> Result<Engine> {
+pub fn engine_for(engine: Engine, model: &RolloutModel) -> Result<Engine> {
     match (engine, lanes::takes(model)) {
-        (Engine::Gpu, true) if gpu::supports(model, topology) => Ok(Engine::Gpu),
+        (Engine::Gpu, true) if gpu::supports(model) => Ok(Engine::Gpu),
         (Engine::Gpu, true) => Ok(Engine::Lanes),
         (Engine::Rapier, _) | (Engine::Auto | Engine::Gpu, false) => Ok(Engine::Rapier),
         (Engine::Auto | Engine::Lanes, true) => Ok(Engine::Lanes),

@@ -15,32 +15,31 @@ pub enum WorkUnit {
     Rapier(usize),
     /// Rollouts of one topology.
     Lanes(Vec<usize>),
-    /// The same for one launch on an accelerator.
-    Accelerated(Vec<usize>),
 }
 
-/// The units of the processor, and those of an accelerator.
-pub fn split_off_accelerated(work: Vec<WorkUnit>) -> (Vec<WorkUnit>, Vec<Vec<usize>>) {
-    let (mut processor, mut accelerator) = (Vec::new(), Vec::new());
-    for unit in work {
-        match unit {
-            WorkUnit::Accelerated(indices) => accelerator.push(indices),
-            unit => processor.push(unit),
-        }
-    }
-    (processor, accelerator)
+/// A batch in parts.
+pub struct Partition {
+    /// For the CPU.
+    pub units: Vec<WorkUnit>,
+    /// For launches on an accelerator: rollouts of one topology.
+    pub launches: Vec<Vec<usize>>,
 }
 
-/// The engine and the topology of a group; without topology for the general engine.
+/// Engine and topology of a group.
 #[derive(PartialEq)]
 struct GroupKind {
+    engine: Engine,
+    /// `None` for the general engine.
     topology: Option<Topology>,
-    /// Rollouts of a launch on an accelerator; `None` on the processor.
-    launch: Option<usize>,
 }
 
-/// Indices of the rollouts of one kind.
-type TopologyGroup = (GroupKind, Vec<usize>);
+/// Rollouts of one kind.
+struct TopologyGroup {
+    kind: GroupKind,
+    indices: Vec<usize>,
+    /// Rollouts of a launch.
+    launch_size: usize,
+}
 
 /// Minimum and maximum number of rollouts per unit: enough to keep all lanes busy until near the end, and
 /// enough units for all threads.
@@ -57,7 +56,7 @@ pub fn partition(
     engine: Engine,
     budget: &dyn Budget,
     compile: impl Fn(&Rollout) -> Result<RolloutModel> + Sync,
-) -> Result<Vec<WorkUnit>> {
+) -> Result<Partition> {
     let check_chunk = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<TopologyGroup>> {
         let mut groups: Vec<TopologyGroup> = Vec::new();
         // Group of the previous rollout.
@@ -66,18 +65,15 @@ pub fn partition(
         for (i, rollout) in rollouts.iter().enumerate() {
             let same_start = |other: &Rollout| rollout.contacts_established == other.contacts_established;
             if i > 0 && is_variant_of(rollout, &rollouts[i - 1]) && same_start(&rollouts[i - 1]) {
-                groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
+                groups[last].indices.push(chunk * UNIT_SIZE_RANGE[1] + i);
                 continue;
             }
             let model = compile(rollout)?;
-            let topology = Topology::of(&model);
-            let kind = match engine_for(engine, &model, &topology)? {
-                Engine::Lanes => GroupKind { topology: Some(topology), launch: None },
-                Engine::Gpu => GroupKind { topology: Some(topology), launch: Some(gpu::launch_size(&model)) },
-                Engine::Rapier | Engine::Auto => GroupKind { topology: None, launch: None },
-            };
-            last = group(&mut groups, kind);
-            groups[last].1.push(chunk * UNIT_SIZE_RANGE[1] + i);
+            let engine = engine_for(engine, &model)?;
+            let topology = (engine != Engine::Rapier).then(|| Topology::of(&model));
+            let launch_size = if engine == Engine::Gpu { gpu::launch_size(&model) } else { usize::MAX };
+            last = group(&mut groups, GroupKind { engine, topology }, launch_size);
+            groups[last].indices.push(chunk * UNIT_SIZE_RANGE[1] + i);
         }
         Ok(groups)
     };
@@ -87,29 +83,31 @@ pub fn partition(
     };
     let mut groups = Vec::new();
     for chunk in checked_chunks {
-        for (kind, indices) in chunk? {
-            let at = group(&mut groups, kind);
-            groups[at].1.extend(indices);
+        for part in chunk? {
+            let at = group(&mut groups, part.kind, part.launch_size);
+            groups[at].indices.extend(part.indices);
         }
     }
     let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
     let size = share.clamp(UNIT_SIZE_RANGE[0], UNIT_SIZE_RANGE[1]);
-    let parts = groups.into_iter().flat_map(|(kind, indices)| match kind {
-        GroupKind { topology: None, .. } => {
-            indices.into_iter().map(WorkUnit::Rapier).collect::<Vec<WorkUnit>>()
+    let mut partition = Partition { units: Vec::new(), launches: Vec::new() };
+    for TopologyGroup { kind, indices, launch_size } in groups {
+        let parts = |size: usize| indices.chunks(size).map(<[usize]>::to_vec);
+        match kind.engine {
+            Engine::Rapier => partition.units.extend(indices.into_iter().map(WorkUnit::Rapier)),
+            Engine::Gpu => partition.launches.extend(parts(launch_size)),
+            Engine::Auto | Engine::Lanes => partition.units.extend(parts(size).map(WorkUnit::Lanes)),
         }
-        GroupKind { launch: Some(size), .. } => {
-            indices.chunks(size).map(|part| WorkUnit::Accelerated(part.to_vec())).collect()
-        }
-        _ => indices.chunks(size).map(|part| WorkUnit::Lanes(part.to_vec())).collect(),
-    });
-    Ok(parts.collect())
+    }
+    Ok(partition)
 }
 
-/// Index of the group of a kind, added if there is none.
-fn group(groups: &mut Vec<TopologyGroup>, kind: GroupKind) -> usize {
-    groups.iter().rposition(|(k, _)| *k == kind).unwrap_or_else(|| {
-        groups.push((kind, Vec::new()));
+/// Index of the group of a kind, added if there is none; its launches suit the longest output.
+fn group(groups: &mut Vec<TopologyGroup>, kind: GroupKind, launch_size: usize) -> usize {
+    let at = groups.iter().rposition(|group| group.kind == kind).unwrap_or_else(|| {
+        groups.push(TopologyGroup { kind, indices: Vec::new(), launch_size });
         groups.len() - 1
-    })
+    });
+    groups[at].launch_size = groups[at].launch_size.min(launch_size);
+    at
 }

@@ -13,6 +13,7 @@ pub struct Recorder {
     trajectory: Trajectory,
     time_step: f64,
     names: Vec<String>,
+    records_contacts: bool,
     movable: usize,
     /// Last step at which a pair touched; 0 for never, at `first * n + second` with first < second.
     last_touch: Vec<u32>,
@@ -36,6 +37,7 @@ impl Recorder {
             trajectory: Trajectory { times: Vec::with_capacity(samples), bodies, ..Trajectory::default() },
             time_step: model.time_step,
             last_touch: vec![0; model.bodies.len() * names.len()],
+            records_contacts: model.records_contacts,
             movable: model.bodies.len(),
             carried: vec![false; model.bodies.len()],
             names,
@@ -81,11 +83,18 @@ impl Recorder {
 
     /// Records that `a` and `b` (indices: bodies, then statics; a < b) begin to touch in this step.
     pub fn begin_contact(&mut self, step: u32, a: usize, b: usize, speed: f64) {
-        let between = [self.names[a].clone(), self.names[b].clone()];
-        self.trajectory.events.push(Contact { time: f64::from(step) * self.time_step, between, speed });
+        if self.records_contacts {
+            let between = [self.names[a].clone(), self.names[b].clone()];
+            self.trajectory.events.push(Contact { time: f64::from(step) * self.time_step, between, speed });
+        }
         if b < self.movable {
             self.trajectory.collisions += 1;
         }
+    }
+
+    /// Adds contacts of two bodies that are only counted.
+    pub fn add_collisions(&mut self, count: u32) {
+        self.trajectory.collisions += count;
     }
 
     /// Adds `steps` steps in which statics supported bodies, in addition to those of recorded contacts.

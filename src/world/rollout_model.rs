@@ -18,6 +18,8 @@ pub struct RolloutModel {
     pub time_step: f64,
     pub steps: u32,
     pub schedule: ObservationSchedule,
+    /// Whether contact events are recorded, and not only counted.
+    pub records_contacts: bool,
     pub bodies: Vec<BodyModel>,
     pub statics: Vec<StaticModel>,
     /// Names of the effects that engines apply, in order.

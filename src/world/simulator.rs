@@ -7,7 +7,7 @@ use super::engine::Engine;
 use super::lanes::gpu::{self, Accelerator};
 use super::lanes::{self, BatchSettings, SimdLevel};
 use super::observe::{ObservationSchedule, SensorChain};
-use super::partition::{UNIT_SIZE_RANGE, WorkUnit, partition, split_off_accelerated};
+use super::partition::{Partition, UNIT_SIZE_RANGE, WorkUnit, partition};
 use super::rapier;
 use super::rollout::Rollout;
 use crate::budget::{Budget, Unlimited};
@@ -51,7 +51,7 @@ impl<'a> Simulator<'a> {
         Simulator { engines, budget: &Unlimited, settings, accelerator: None, samples: true }
     }
 
-    /// Checks the budget about every millisecond; an error of the budget ends the simulation.
+    /// Checks the budget about every millisecond, on a GPU before each launch; an error of the budget ends the simulation.
     pub fn budget(self, budget: &'a dyn Budget) -> Simulator<'a> {
         Simulator { budget, ..self }
     }
@@ -76,7 +76,7 @@ impl<'a> Simulator<'a> {
         self.without_samples().map(rollouts, |_, trajectory| trajectory.solved())
     }
 
-    /// The same with samples of the start and the end only.
+    /// A simulator whose trajectories have outcomes and counts, but no contact events and only the first and the last sample.
     pub fn without_samples(self) -> Simulator<'a> {
         Simulator { samples: false, ..self }
     }
@@ -106,9 +106,9 @@ impl<'a> Simulator<'a> {
         keep: impl Fn(usize, Trajectory) -> T + Sync,
     ) -> Result<Vec<T>> {
         let (budget, settings) = (self.budget, self.settings);
-        let (mut work, on_accelerator) =
-            split_off_accelerated(partition(rollouts, engine, budget, |rollout| self.compile(rollout))?);
-        let mut accelerated = self.accelerate(rollouts, on_accelerator, &keep, &mut work)?;
+        let Partition { mut units, launches } =
+            partition(rollouts, engine, budget, |rollout| self.compile(rollout))?;
+        let mut all = self.launch(rollouts, launches, &keep, &mut units)?;
         let run = |unit: WorkUnit| -> Result<Vec<(usize, T)>> {
             budget.check()?;
             match unit {
@@ -117,11 +117,11 @@ impl<'a> Simulator<'a> {
                     let truth = rapier::run(&model, budget)?;
                     Ok(vec![(index, keep(index, apply_sensors(model.sensors.as_ref(), truth)))])
                 }
-                WorkUnit::Lanes(indices) | WorkUnit::Accelerated(indices) => {
+                WorkUnit::Lanes(indices) => {
                     let results = Vec::with_capacity(indices.len());
                     let (indices, sensors) = (indices.into_iter(), Vec::new());
                     let mut source = UnitSource {
-                        compile: |rollout: &Rollout| self.compile(rollout),
+                        simulator: self,
                         rollouts,
                         indices,
                         keep: &keep,
@@ -136,45 +136,46 @@ impl<'a> Simulator<'a> {
             }
         };
         // A single unit runs on the calling thread.
-        let finished: Vec<Result<Vec<(usize, T)>>> = match work.len() {
-            0 | 1 => work.into_iter().map(run).collect(),
-            _ => work.into_par_iter().map(run).collect(),
+        let finished: Vec<Result<Vec<(usize, T)>>> = match units.len() {
+            0 | 1 => units.into_iter().map(run).collect(),
+            _ => units.into_par_iter().map(run).collect(),
         };
         for unit in finished {
-            accelerated.extend(unit?);
+            all.extend(unit?);
         }
         let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
-        for (index, result) in accelerated {
+        for (index, result) in all {
             results[index] = Some(result);
         }
         complete(results)
     }
 
-    /// Runs units on the accelerator; returns their results, and adds to `rest` what must run on the processor.
-    fn accelerate<T: Send>(
+    /// Runs launches on the accelerator; returns their results, and adds to `units` what must run on the CPU.
+    fn launch<T: Send>(
         &self,
         rollouts: &[Rollout],
-        units: Vec<Vec<usize>>,
+        launches: Vec<Vec<usize>>,
         keep: &(impl Fn(usize, Trajectory) -> T + Sync),
-        rest: &mut Vec<WorkUnit>,
+        units: &mut Vec<WorkUnit>,
     ) -> Result<Vec<(usize, T)>> {
         let mut results = Vec::new();
-        if units.is_empty() {
+        if launches.is_empty() {
             return Ok(results);
         }
         let accelerator: &dyn Accelerator = match self.accelerator {
             Some(accelerator) => accelerator,
             None => gpu::find()?,
         };
-        let done = |index: usize, model: &RolloutModel, truth: Trajectory| {
+        let keep_measured = |index: usize, model: &RolloutModel, truth: Trajectory| {
             keep(index, apply_sensors(model.sensors.as_ref(), truth))
         };
-        for indices in units {
+        for indices in launches {
             self.budget.check()?;
-            let launched = gpu::run(accelerator, &indices, |index| self.compile(&rollouts[index]), done)?;
-            results.extend(launched.results);
-            rest.extend(
-                launched.unfinished.chunks(UNIT_SIZE_RANGE[1]).map(|part| WorkUnit::Lanes(part.to_vec())),
+            let done =
+                gpu::run(accelerator, &indices, |index| self.compile(&rollouts[index]), keep_measured)?;
+            results.extend(done.results);
+            units.extend(
+                done.overflowed.chunks(UNIT_SIZE_RANGE[1]).map(|part| WorkUnit::Lanes(part.to_vec())),
             );
         }
         Ok(results)
@@ -185,6 +186,7 @@ impl<'a> Simulator<'a> {
         let mut model = compile(rollout)?;
         if !self.samples {
             (model.schedule, model.sensors) = (ObservationSchedule::At(Vec::new()), None);
+            model.records_contacts = false;
         }
         Ok(model)
     }
@@ -223,8 +225,8 @@ fn apply_sensors(view: Option<&SensorChain>, truth: Trajectory) -> Trajectory {
 }
 
 /// Feeds a unit of rollouts to the batched engine.
-struct UnitSource<'a, C, K, T> {
-    compile: C,
+struct UnitSource<'a, K, T> {
+    simulator: &'a Simulator<'a>,
     rollouts: &'a [Rollout<'a>],
     indices: std::vec::IntoIter<usize>,
     keep: &'a K,
@@ -236,16 +238,12 @@ struct UnitSource<'a, C, K, T> {
     cancelled: Option<Error>,
 }
 
-impl<T, C, K> lanes::RolloutSource for UnitSource<'_, C, K, T>
-where
-    C: Fn(&Rollout) -> Result<RolloutModel>,
-    K: Fn(usize, Trajectory) -> T,
-{
+impl<T, K: Fn(usize, Trajectory) -> T> lanes::RolloutSource for UnitSource<'_, K, T> {
     fn next(&mut self) -> Option<(usize, RolloutModel)> {
         let index = self.indices.next()?;
         // `partition` has already compiled it without error; a rollout that fails now is reported as
         // missing.
-        let mut model = (self.compile)(&self.rollouts[index]).ok()?;
+        let mut model = self.simulator.compile(&self.rollouts[index]).ok()?;
         self.sensors.extend(model.sensors.take().map(|sensors| (index, sensors)));
         Some((index, model))
     }

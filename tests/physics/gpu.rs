@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
-use iplw::task::scene::EffectTerm;
+use iplw::task::scene::{EffectTerm, Goal};
 use iplw::trajectory::Trajectory;
 use iplw::world::effect::{Effect, EffectKind, REGISTRY};
 use iplw::world::{Accelerator, Engine, Rollout, RolloutImages, Simulator};
@@ -14,7 +14,7 @@ use proptest::strategy::{Strategy, ValueTree};
 use proptest::test_runner::TestRunner;
 use rayon::prelude::*;
 
-use crate::lanes::{disc_scenes, mixed_scenes, same};
+use crate::lanes::{box_scene, disc, disc_scenes, mixed_scenes, same};
 use crate::properties::{any_scene, islands};
 use crate::thread_memory::bytes_taken;
 
@@ -46,15 +46,22 @@ fn compare(scenes: &[Scene], label: &str) -> usize {
     let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
     let wanted: Vec<Trajectory> = Simulator::new(Engine::Auto).run(&rollouts).unwrap();
     let emulator = Emulator::default();
-    let ours = Simulator::new(Engine::Gpu).accelerator(&emulator).run(&rollouts).unwrap();
+    let simulator = Simulator::new(Engine::Gpu).accelerator(&emulator);
+    let ours = simulator.run(&rollouts).unwrap();
+    let ran = *emulator.0.lock().unwrap();
     same(&ours, &wanted, label);
+    let wanted_outcomes = Simulator::new(Engine::Auto).without_samples().run(&rollouts).unwrap();
+    same(
+        &simulator.without_samples().run(&rollouts).unwrap(),
+        &wanted_outcomes,
+        &format!("{label}, outcomes"),
+    );
     match Simulator::new(Engine::Gpu).run(&rollouts) {
         Ok(on_device) => same(&on_device, &wanted, &format!("{label}, on the device")),
         // Only the absence of a device is no failure.
         Err(error @ Error::Input(_)) => eprintln!("{label}: not compared on a device: {error}"),
         Err(error) => panic!("{label}, on the device: {error}"),
     }
-    let ran = *emulator.0.lock().unwrap();
     eprintln!("{label}: {ran} of {} rollouts by the kernel", scenes.len());
     ran
 }
@@ -100,4 +107,53 @@ fn ten_thousand_random_scenes_have_the_same_bits() {
         + compare(&random_scenes(islands(), 3000), "islands")
         + compare(&random_scenes(any_scene(), 4500), "any shapes");
     assert!(ran >= 10_000, "{ran}");
+}
+
+/// More contacts than an output has room for: the rollout is repeated on the CPU.
+#[test]
+fn rollouts_with_many_contacts_have_the_same_bits() {
+    let crowd = (0..12).map(|i| {
+        let at = f64::from(i);
+        let mut body =
+            disc(&format!("b{i}"), 0.3, [at % 4.0 - 1.5, 1.0 + 1.5 * (at / 4.0).floor()], [6.0 - at, 2.0]);
+        body.restitution = 1.0;
+        body
+    });
+    let mut scene = box_scene(crowd.collect());
+    scene.steps = 4000;
+    scene.statics.iter_mut().for_each(|wall| wall.restitution = 1.0);
+    let calm = box_scene(vec![disc("b0", 0.3, [0.0, 1.0], [1.0, 0.0])]);
+    let events = |scene: &Scene| {
+        Simulator::new(Engine::Gpu)
+            .accelerator(&Emulator::default())
+            .one(Rollout::of(scene))
+            .unwrap()
+            .events
+            .len()
+    };
+    assert!(events(&scene) > 128 && events(&calm) < 128);
+    compare(&[scene, calm], "many contacts");
+}
+
+/// Regions of different sizes in the same thread; those of more than 16 points run on the CPU.
+#[test]
+fn goals_of_any_region_have_the_same_bits() {
+    let scenes: Vec<Scene> = (0..60)
+        .map(|i| {
+            let corners = 3 + i % 17;
+            let corner = |k: u32| {
+                let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / f64::from(corners)).sin_cos();
+                [1.5 * cosine, 1.0 + sine]
+            };
+            let mut scene =
+                box_scene(vec![disc("b0", 0.3, [0.1 * f64::from(i % 30) - 1.5, 4.0], [1.0, 0.0])]);
+            let region = (0..corners).map(corner).collect();
+            scene.goal = Some(Goal::Inside { body: "b0".into(), region, hold_s: 0.05, stop: None });
+            scene
+        })
+        .collect();
+    let small = scenes
+        .iter()
+        .filter(|scene| matches!(&scene.goal, Some(Goal::Inside { region, .. }) if region.len() <= 16));
+    assert_eq!(compare(&scenes, "regions"), small.count());
 }

@@ -349,7 +349,7 @@ fn tumbling(i: u32) -> Scene {
     scene
 }
 
-fn box_scene(bodies: Vec<Body>) -> Scene {
+pub fn box_scene(bodies: Vec<Body>) -> Scene {
     let wall = |name: &str, x: f64, y: f64, half_width: f64, half_height: f64| Static {
         name: name.into(),
         shape: Shape::Box(Rectangle { half_width, half_height }),
@@ -371,7 +371,7 @@ fn box_scene(bodies: Vec<Body>) -> Scene {
     }
 }
 
-fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
+pub fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
     Body {
         name: name.into(),
         shape: Shape::Disc(Disc { radius }),

@@ -47,16 +47,16 @@ fn with<T>(change: impl FnOnce(&mut Bump) -> T) -> Option<T> {
 // SAFETY: the system's allocator, or that of the kernel within memory that is checked to suffice.
 unsafe impl GlobalAlloc for ThreadMemory {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        with(|free| unsafe { free.take(layout) }).unwrap_or_else(|| unsafe { System.alloc(layout) })
+        with(|free| unsafe { free.alloc(layout) }).unwrap_or_else(|| unsafe { System.alloc(layout) })
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        with(|free| unsafe { free.give_back(at, layout) })
+        with(|free| unsafe { free.dealloc(at, layout) })
             .unwrap_or_else(|| unsafe { System.dealloc(at, layout) });
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        with(|free| unsafe { free.resize(at, layout, size) })
+        with(|free| unsafe { free.realloc(at, layout, size) })
             .unwrap_or_else(|| unsafe { System.realloc(at, layout, size) })
     }
 }

@@ -155,6 +155,7 @@ pub unsafe extern "C" fn cuLaunchKernel(
         (launch.topology as u64, 8 * launch.topology_len),
         (launch.starts as u64, 8 * (launch.rollouts + 1)),
         (launch.outputs as u64, 8 * launch.rollouts * launch.output_len),
+        (launch.images as u64, 8 * unsafe { *launch.starts.add(launch.rollouts) }),
         (launch.arenas as u64, 8 * (blocks * threads) as usize),
         (launch.taken as u64, 4),
     ];

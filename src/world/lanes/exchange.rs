@@ -1,11 +1,9 @@
-//! Copies the state of one lane to and from a sequence of numbers, and topologies: what a graphics processor gets and
-//! returns.
+//! Copies the initial state of one lane, and topologies, to and from a sequence of numbers: the input of the GPU kernel.
 //!
 //! One function lists the numbers; the port decides whether it writes or reads them. Data that every step computes
 //! anew are not copied.
 
 use super::goal::{ConditionLanes, GoalLanes};
-use super::manifold::Manifold;
 use super::outline::{BodyFrame, Corner, OutlineCore, PieceOutline};
 use super::state::{BatchState, BodyLanes, DiscPair, StaticCore, StaticLanes};
 use super::topology::{GoalTopology, Topology};
@@ -18,6 +16,16 @@ pub trait Port {
     /// The same for several.
     fn numbers<const N: usize>(&mut self, values: [&mut f64; N]) {
         values.into_iter().for_each(|value| self.number(value));
+    }
+
+    /// The same for whole numbers.
+    fn wholes<const N: usize>(&mut self, values: [&mut usize; N]) {
+        values.into_iter().for_each(|value| *value = self.whole(*value));
+    }
+
+    /// The same for truth values.
+    fn flags<const N: usize>(&mut self, values: [&mut bool; N]) {
+        values.into_iter().for_each(|value| *value = self.whole(usize::from(*value)) == 1);
     }
 
     /// The same for a whole number.
@@ -39,6 +47,17 @@ impl Port for NumberWriter<'_> {
     }
 }
 
+/// Reads the numbers from a slice.
+pub struct NumberReader<'a>(pub &'a [f64]);
+
+impl Port for NumberReader<'_> {
+    fn number(&mut self, value: &mut f64) {
+        if let [first, rest @ ..] = self.0 {
+            (*value, self.0) = (*first, rest);
+        }
+    }
+}
+
 impl Topology {
     /// Copies the topology.
     pub fn exchange(&mut self, port: &mut impl Port) {
@@ -47,24 +66,22 @@ impl Topology {
             wholes(pieces, port);
         }
         resize(&mut self.statics, port);
-        for (owner, corners) in &mut self.statics {
-            (*owner, *corners) = (port.whole(*owner), port.whole(*corners));
-        }
-        self.own = self.own.map(|n| port.whole(n));
+        self.statics.iter_mut().for_each(|(owner, corners)| port.wholes([owner, corners]));
+        port.wholes(self.own.each_mut());
         wholes(&mut self.motion_laws, port);
         wholes(&mut self.contact_laws, port);
-        self.clocked = port.whole(usize::from(self.clocked)) == 1;
+        port.flags([&mut self.clocked]);
         let mut time_step = f64::from_bits(self.time_step);
         port.number(&mut time_step);
         self.time_step = time_step.to_bits();
-        let [kind, a, b] = match self.goal {
+        let [mut kind, mut a, mut b] = match self.goal {
             None => [0; 3],
             Some(GoalTopology::Inside { body }) => [1, body, 0],
             Some(GoalTopology::Contact { objects: [a, b] }) => [2, a, b],
             Some(GoalTopology::Apart { objects: [a, b] }) => [3, a, b],
             Some(GoalTopology::Above { body, whole }) => [4, body, usize::from(whole)],
         };
-        let [kind, a, b] = [port.whole(kind), port.whole(a), port.whole(b)];
+        port.wholes([&mut kind, &mut a, &mut b]);
         self.goal = match kind {
             1 => Some(GoalTopology::Inside { body: a }),
             2 => Some(GoalTopology::Contact { objects: [a, b] }),
@@ -86,7 +103,7 @@ fn wholes(values: &mut Vec<usize>, port: &mut impl Port) {
 }
 
 impl BatchState {
-    /// Copies the state of a lane between two steps.
+    /// Copies the state of a lane at the start of a rollout.
     pub fn exchange(&mut self, lane: usize, port: &mut impl Port) {
         let mut steps = self.tick - self.start_tick[lane];
         port.number(&mut steps);
@@ -107,25 +124,12 @@ impl BatchState {
 
     fn exchange_outline_pairs(&mut self, lane: usize, port: &mut impl Port) {
         let start = self.start_tick[lane];
-        let BatchState { near, manifolds, free_manifolds, .. } = self;
-        for (index, near) in near.iter_mut().enumerate() {
+        let BatchState { near, free_manifolds, .. } = self;
+        for near in near {
             port.numbers([&mut near.limit[lane], &mut near.friction[lane], &mut near.restitution[lane]]);
             exchange_time(&mut near.contact.last_touch[lane], start, port);
-            if port.whole(usize::from(near.slot.is_some())) == 0 {
-                free_manifolds.extend(near.slot.take());
-                continue;
-            }
-            let slot = *near.slot.get_or_insert_with(|| {
-                let slot = free_manifolds.pop().unwrap_or(manifolds.len());
-                if slot == manifolds.len() {
-                    manifolds.push(Manifold::empty());
-                }
-                manifolds[slot] = Manifold { near: index, ..Manifold::empty() };
-                slot
-            });
-            for point in &mut manifolds[slot].points {
-                port.numbers([&mut point.id[lane], &mut point.jn[lane], &mut point.jt[lane]]);
-            }
+            // A rollout begins without manifolds.
+            free_manifolds.extend(near.slot.take());
         }
     }
 }

@@ -32,6 +32,7 @@ mod disc_solver;
 mod exchange;
 mod goal;
 pub mod gpu;
+mod gpu_format;
 mod intervene;
 mod kernel;
 mod load;

@@ -142,8 +142,10 @@ impl Cuda {
         let driver = &self.driver;
         // SAFETY: the context of the device.
         driver.check("selecting the device", unsafe { (driver.set_context)(context.handle) })?;
-        let kind =
-            ARENA_SIZES_KB.iter().position(|kb| *kb == work.arena_kb).unwrap_or(ARENA_SIZES_KB.len() - 1);
+        let kind = ARENA_SIZES_KB
+            .iter()
+            .position(|kb| *kb == work.arena_kb)
+            .ok_or("the kernel has no entry point of this size")?;
         let (entry, count) = (context.entries[kind], work.rollouts());
         let blocks = count.div_ceil(THREADS_PER_BLOCK).min(entry.max_blocks);
         let threads = blocks * THREADS_PER_BLOCK;

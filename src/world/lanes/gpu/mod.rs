@@ -15,8 +15,11 @@ mod find;
 
 use rayon::prelude::*;
 
-use super::exchange::{NumberWriter, Port};
+use super::exchange::{NumberReader, NumberWriter, Port};
 use super::goal::{GoalLanes, MAX_REGION_POINTS};
+use super::gpu_format::{
+    AT_GOAL, AT_HORIZON, CONTACT_LEN, DIVERGED, OutputHead, RolloutSettings, STATE_LEN, observation_len,
+};
 use super::state::BatchState;
 use super::topology::Topology;
 use crate::error::{Error, Result};
@@ -33,15 +36,13 @@ pub use find::find;
 const ROLLOUTS_PER_TASK: usize = 64;
 /// Contacts that an output has room for; a rollout with more is run on the processor.
 const MAX_CONTACTS: usize = 128;
-/// Numbers before the observations of an output: see `gpu/src/run.rs`.
-const OUTPUT_HEAD: usize = 7;
 /// The lane into which rollouts are loaded.
 const LANE: usize = 0;
 /// Maximum size of the outputs of one launch, numbers.
 const MAX_OUTPUT_NUMBERS: usize = 1 << 27;
 
 /// Whether an accelerator can run the rollout.
-pub fn supports(model: &RolloutModel, topology: &Topology) -> bool {
+pub fn supports(model: &RolloutModel) -> bool {
     let region = match model.goal.as_ref().map(|goal| &goal.condition) {
         Some(GoalCondition::Inside { region, .. }) => region.len(),
         _ => 0,
@@ -49,7 +50,7 @@ pub fn supports(model: &RolloutModel, topology: &Topology) -> bool {
     !model.contacts_established
         && model.interventions.is_empty()
         && region <= MAX_REGION_POINTS
-        && arena_size(topology).is_some()
+        && arena_size(&Topology::of(model)).is_some()
 }
 
 /// Number of rollouts like this one in a launch.
@@ -58,38 +59,39 @@ pub fn launch_size(model: &RolloutModel) -> usize {
 }
 
 /// The results of a launch.
-pub struct Launched<T> {
+pub struct LaunchResults<T> {
     /// By index of the rollout.
     pub results: Vec<(usize, T)>,
     /// Indices of rollouts that do not fit into their output.
-    pub unfinished: Vec<usize>,
+    pub overflowed: Vec<usize>,
 }
 
-/// Runs rollouts of one topology; `model` compiles the one with an index, and `done` makes its result of its trajectory.
+/// Runs rollouts of one topology; `model` compiles the one with an index, and `keep` makes its result of its trajectory.
 pub fn run<T: Send>(
     accelerator: &dyn Accelerator,
     indices: &[usize],
     model: impl Fn(usize) -> Result<RolloutModel> + Sync,
-    done: impl Fn(usize, &RolloutModel, Trajectory) -> T + Sync,
-) -> Result<Launched<T>> {
+    keep: impl Fn(usize, &RolloutModel, Trajectory) -> T + Sync,
+) -> Result<LaunchResults<T>> {
     let Some(first) = indices.first() else {
-        return Ok(Launched { results: Vec::new(), unfinished: Vec::new() });
+        return Ok(LaunchResults { results: Vec::new(), overflowed: Vec::new() });
     };
     let mut topology = Topology::of(&model(*first)?);
     let arena_kb = arena_size(&topology).ok_or_else(|| {
         Error::Failed("a rollout needs more memory than a thread of the accelerator has".into())
     })?;
-    let load = |part: &[usize]| -> Result<LoadedRollouts> {
+    let load = |part: &[usize]| -> Result<InputBuffer> {
         let mut loader = Loader::new(&topology);
         for index in part {
             loader.load(&model(*index)?);
         }
         Ok(loader.loaded)
     };
-    let parts: Vec<LoadedRollouts> =
-        indices.par_chunks(ROLLOUTS_PER_TASK).map(load).collect::<Result<Vec<LoadedRollouts>>>()?;
+    let parts: Vec<InputBuffer> =
+        indices.par_chunks(ROLLOUTS_PER_TASK).map(load).collect::<Result<Vec<InputBuffer>>>()?;
     let mut work = RolloutImages { arena_kb, starts: vec![0], ..RolloutImages::default() };
     topology.exchange(&mut NumberWriter(&mut work.topology));
+    work.images.reserve_exact(parts.iter().map(|part| part.numbers.len()).sum());
     for part in parts {
         let before = work.images.len();
         work.images.extend(part.numbers);
@@ -100,23 +102,23 @@ pub fn run<T: Send>(
     let record = |(index, output): (&usize, &[f64])| -> Result<(usize, Option<T>)> {
         let model = model(*index)?;
         let trajectory = trajectory(&model, output);
-        Ok((*index, trajectory.map(|trajectory| done(*index, &model, trajectory))))
+        Ok((*index, trajectory.map(|trajectory| keep(*index, &model, trajectory))))
     };
     let recorded: Vec<(usize, Option<T>)> =
         indices.par_iter().zip(outputs.par_chunks(work.output_len)).map(record).collect::<Result<_>>()?;
-    let mut launched = Launched { results: Vec::new(), unfinished: Vec::new() };
+    let mut done = LaunchResults { results: Vec::new(), overflowed: Vec::new() };
     for (index, result) in recorded {
         match result {
-            Some(result) => launched.results.push((index, result)),
-            None => launched.unfinished.push(index),
+            Some(result) => done.results.push((index, result)),
+            None => done.overflowed.push(index),
         }
     }
-    Ok(launched)
+    Ok(done)
 }
 
 /// Rollouts as numbers: where each ends, and the longest output.
 #[derive(Default)]
-struct LoadedRollouts {
+struct InputBuffer {
     numbers: Vec<f64>,
     ends: Vec<usize>,
     output_len: usize,
@@ -126,7 +128,7 @@ struct LoadedRollouts {
 struct Loader {
     state: BatchState,
     goal: Option<GoalLanes>,
-    loaded: LoadedRollouts,
+    loaded: InputBuffer,
 }
 
 impl Loader {
@@ -134,25 +136,26 @@ impl Loader {
         Loader {
             state: BatchState::new(topology),
             goal: GoalLanes::new(topology),
-            loaded: LoadedRollouts::default(),
+            loaded: InputBuffer::default(),
         }
     }
 
     fn load(&mut self, model: &RolloutModel) {
         self.state.fill(LANE, model);
         let mut port = NumberWriter(&mut self.loaded.numbers);
-        port.whole(model.steps as usize);
-        port.whole(usize::from(model.stop_at_goal));
-        match &model.schedule {
-            ObservationSchedule::Every(steps) => {
-                port.whole(*steps as usize);
-            }
-            ObservationSchedule::At(steps) => {
-                port.whole(0);
-                port.whole(steps.len());
-                steps.iter().for_each(|step| _ = port.whole(*step as usize));
-            }
-        }
+        let (every, listed): (u32, &[u32]) = match &model.schedule {
+            ObservationSchedule::Every(steps) => (*steps, &[]),
+            ObservationSchedule::At(steps) => (0, steps),
+        };
+        let mut settings = RolloutSettings {
+            steps: model.steps as usize,
+            stop_at_goal: model.stop_at_goal,
+            records_contacts: model.records_contacts,
+            every: every as usize,
+            listed: listed.len(),
+        };
+        settings.exchange(&mut port);
+        listed.iter().for_each(|step| _ = port.whole(*step as usize));
         self.state.exchange(LANE, &mut port);
         if let Some(goal) = &mut self.goal {
             goal.fill(LANE, model);
@@ -165,17 +168,16 @@ impl Loader {
 
 /// Numbers of a rollout's output.
 fn output_len(model: &RolloutModel) -> usize {
-    OUTPUT_HEAD + model.schedule.count(model.steps) * observation_len(model) + 4 * MAX_CONTACTS
-}
-
-fn observation_len(model: &RolloutModel) -> usize {
-    1 + 6 * model.bodies.len()
+    let contacts = if model.records_contacts { MAX_CONTACTS } else { 0 };
+    let observations = model.schedule.count(model.steps) * observation_len(model.bodies.len());
+    OutputHead::LEN + observations + CONTACT_LEN * contacts
 }
 
 /// The trajectory of an output; `None` if it did not fit.
 fn trajectory(model: &RolloutModel, output: &[f64]) -> Option<Trajectory> {
-    let &[end, step, solved, rolling, observations, contacts, full] = output.first_chunk::<OUTPUT_HEAD>()?;
-    if full != 0.0 {
+    let mut head = OutputHead::default();
+    head.exchange(&mut NumberReader(output));
+    if head.overflowed {
         return None;
     }
     let mut recorder = Recorder::new(model);
@@ -184,22 +186,27 @@ fn trajectory(model: &RolloutModel, output: &[f64]) -> Option<Trajectory> {
         [x, y, angle, vx, vy, omega] => BodyState { position: [x, y], angle, velocity: [vx, vy], omega },
         _ => BodyState::ABSENT,
     };
-    let all = output[OUTPUT_HEAD..].chunks_exact(observation_len(model)).take(observations as usize);
-    for observation in all {
-        let states: Vec<BodyState> = observation[1..].chunks_exact(6).map(body).collect();
+    let observations = output[OutputHead::LEN..].chunks_exact(observation_len(model.bodies.len()));
+    for observation in observations.take(head.observations) {
+        let states: Vec<BodyState> = observation[1..].chunks_exact(STATE_LEN).map(body).collect();
         recorder.observe(observation[0] as u32, &states);
     }
-    for contact in output.rchunks_exact(4).take(contacts as usize) {
-        recorder.begin_contact(contact[0] as u32, contact[1] as usize, contact[2] as usize, contact[3]);
+    if model.records_contacts {
+        for contact in output.rchunks_exact(CONTACT_LEN).take(head.contacts) {
+            recorder.begin_contact(contact[0] as u32, contact[1] as usize, contact[2] as usize, contact[3]);
+        }
+    } else {
+        recorder.add_collisions(head.collisions as u32);
     }
-    recorder.add_rolling_steps(rolling as u32);
-    if solved != 0.0 {
+    recorder.add_rolling_steps(head.rolling_steps as u32);
+    if head.solved {
         recorder.set_solved();
     }
-    let end = match end {
-        0.0 => Termination::Horizon,
-        1.0 => Termination::Goal,
-        _ => Termination::Diverged,
+    let end = match head.end {
+        AT_HORIZON => Termination::Horizon,
+        AT_GOAL => Termination::Goal,
+        DIVERGED => Termination::Diverged,
+        _ => return None,
     };
-    Some(recorder.finish(step as u32, end))
+    Some(recorder.finish(head.step as u32, end))
 }
