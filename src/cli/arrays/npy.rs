@@ -38,13 +38,10 @@ pub fn header(kind: &str, shape: &[usize]) -> Vec<u8> {
 
 /// Shape and data of an array of type `kind`, whose values take `size` bytes; `file` is for errors.
 pub fn parse<'a>(file: &str, bytes: &'a [u8], kind: &str, size: usize) -> Result<(Vec<usize>, &'a [u8])> {
-    let refused = |value: &str| {
-        Error::input(
-            file,
-            value,
-            format!("a complete NumPy array of type {kind:?} in C order (`numpy.ascontiguousarray`)"),
-        )
-    };
+    let allowed = format!(
+        "a complete NumPy array of type {kind:?} in C order (`numpy.ascontiguousarray(array, {kind:?})`)"
+    );
+    let refused = |value: &str| Error::input(file, value, &allowed);
     let fixed = bytes.get(..10).filter(|b| b.starts_with(MAGIC)).ok_or_else(|| refused("no array"))?;
     let length = usize::from(u16::from_le_bytes([fixed[8], fixed[9]]));
     let header = bytes.get(10..10 + length).and_then(|b| std::str::from_utf8(b).ok());
