@@ -3,8 +3,8 @@
     python benches/gpu.py target/release/iplw [--rollouts 1048576] [--out FILE]
 
 Rollouts of three discs in a box and of ten boxes that fall, without samples, as NumPy arrays: each engine's rollout-steps per second, the time
-of the program's start, of loading the kernel and of reading the arrays included and also subtracted (the time for a few rollouts). Then outcomes of
-100,000 actions in 100 bowling tasks, an estimation at the paper's scale and a plan of 10,000 actions under 64 draws. The arrays that the engines
+of the program's start, of loading the kernel and of reading the arrays included and also subtracted (the time for a few rollouts). Then a plan of
+10,000 actions under 64 draws and an estimation at the paper's scale, and on the GPU alone outcomes of 100,000 actions in all bowling tasks. The arrays that the engines
 write are compared to the bit. Without a device only the processor's rows are printed.
 """
 
