@@ -70,5 +70,6 @@ mod world {
         pub mod sincos;
         pub mod state;
         pub mod topology;
+        pub mod warm_start;
     }
 }

@@ -9,6 +9,7 @@ use crate::world::lanes::kernel::step;
 use crate::world::lanes::rest_detection::{REST_CHECK_INTERVAL_STEPS, StepSnapshot};
 use crate::world::lanes::state::BatchState;
 use crate::world::lanes::topology::Topology;
+use crate::world::lanes::warm_start::ContactWarmStart;
 use crate::world::state::BodyState;
 
 /// The only lane.
@@ -34,15 +35,22 @@ pub fn run<'a>(topology: &[f64], mut next: impl FnMut() -> Option<(&'a [f64], Ou
     let mut goal = GoalLanes::new(&own);
     reserve(&mut state, &mut goal);
     let mut snapshot = StepSnapshot::with_capacity(&state);
+    let mut warm_start = ContactWarmStart::new(&own, &state);
     let mut current: Option<Rollout> = None;
     loop {
         let Some(rollout) = &mut current else {
             let Some((image, output)) = next() else { return };
             current = Some(Rollout::load(image, output, &mut state, &mut goal));
             snapshot.forget();
+            if own.contacts_established {
+                warm_start.begin(&state, LANE);
+            }
             continue;
         };
         step::<f64, 1>(&mut state);
+        if warm_start.is_pending() && !state.ends_diverged(LANE) && warm_start.restart(&mut state, LANE) {
+            snapshot.forget();
+        }
         let mut end = rollout.after_step(&mut state, &mut goal);
         if end.is_none() && snapshot.is_taken() {
             end = rollout.end_at_rest(&snapshot, &state, &goal);

@@ -39,6 +39,7 @@ pub struct ComputeArgs<A: clap::Args> {
 impl<A: clap::Args> ComputeArgs<A> {
     /// Applies the common options and runs `command` with its options.
     pub fn run(&self, command: fn(&A) -> Result<()>) -> Result<()> {
+        warnings_to_stderr();
         self.threads.install()?;
         self.families.load()?;
         if self.exit_with_stdin {
@@ -56,6 +57,12 @@ impl<A: clap::Args> ComputeArgs<A> {
         }
         self.run(command)
     }
+}
+
+/// Prints warnings of the computation on stderr.
+fn warnings_to_stderr() {
+    let lines = tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN);
+    lines.without_time().with_target(false).init();
 }
 
 // The number of threads.

@@ -12,7 +12,8 @@ use crate::names::names;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
-    /// The fastest engine that supports the scene.
+    /// The fastest engine that supports the scene: `lanes` or `rapier`. Large batches of `lanes` run on a graphics
+    /// processor if it is faster, with the same results.
     #[default]
     Auto,
     /// The general engine: rapier2d.
@@ -41,7 +42,8 @@ impl Engine {
 
     /// Rollouts to simulate together where a processor takes `on_processor`.
     pub fn batch_size(self, on_processor: usize) -> usize {
-        if self == Engine::Gpu { on_processor.max(GPU_BATCH_SIZE) } else { on_processor }
+        let large = self == Engine::Gpu || self == Engine::Auto && gpu::is_installed();
+        if large { on_processor.max(GPU_BATCH_SIZE) } else { on_processor }
     }
 }
 
@@ -53,7 +55,7 @@ pub fn select_engine(engine: Engine, rollout: &Rollout) -> Result<Engine> {
 /// The same for a compiled rollout.
 pub fn engine_for(engine: Engine, model: &RolloutModel) -> Result<Engine> {
     match (engine, lanes::takes(model)) {
-        (Engine::Gpu, true) if gpu::supports(model) => Ok(Engine::Gpu),
+        (Engine::Gpu, true) if gpu::thread_memory_kb(model).is_some() => Ok(Engine::Gpu),
         (Engine::Gpu, true) => Ok(Engine::Lanes),
         (Engine::Rapier, _) | (Engine::Auto | Engine::Gpu, false) => Ok(Engine::Rapier),
         (Engine::Auto | Engine::Lanes, true) => Ok(Engine::Lanes),

@@ -10,7 +10,8 @@
 //!   (see [`observe`]).
 //! - A latent factor sets the coefficient of every carrier, or the density of every carrying body.
 
-pub mod compile;
+mod batch_run;
+mod compile;
 mod compiled_intervention;
 mod contact_criteria;
 pub mod effect;

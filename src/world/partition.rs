@@ -21,8 +21,17 @@ pub enum WorkUnit {
 pub struct Partition {
     /// For the CPU.
     pub units: Vec<WorkUnit>,
-    /// For launches on an accelerator: rollouts of one topology.
-    pub launches: Vec<Vec<usize>>,
+    /// For an accelerator.
+    pub accelerated: Vec<AcceleratedGroup>,
+}
+
+/// Rollouts of one topology that an accelerator can run.
+pub struct AcceleratedGroup {
+    pub indices: Vec<usize>,
+    /// Memory of a thread, kB.
+    pub arena_kb: usize,
+    /// Maximum number of rollouts of a launch.
+    pub launch_size: usize,
 }
 
 /// Engine and topology of a group.
@@ -31,6 +40,8 @@ struct GroupKind {
     engine: Engine,
     /// `None` for the general engine.
     topology: Option<Topology>,
+    /// Memory of a thread of an accelerator, kB; `None` if the group runs on the CPU.
+    arena_kb: Option<usize>,
 }
 
 /// Rollouts of one kind.
@@ -45,8 +56,24 @@ struct TopologyGroup {
 /// enough units for all threads.
 pub const UNIT_SIZE_RANGE: [usize; 2] = [2 * LANES, 32 * LANES];
 
+/// Least number of rollouts for which [`Engine::Auto`] considers an accelerator. Opening a device takes about as long as
+/// so many short rollouts on a CPU.
+pub const MIN_ACCELERATED_ROLLOUTS: usize = 1 << 14;
+
 /// Up to this many rollouts are checked on the calling thread.
 const MAX_SERIAL_ROLLOUTS: usize = LANES;
+
+/// Units of rollouts for the batched engine.
+pub fn lanes_units(indices: &[usize]) -> Vec<WorkUnit> {
+    units_of_share(indices, indices.len())
+}
+
+/// The same, if they are part of a batch of so many.
+fn units_of_share(indices: &[usize], batch: usize) -> Vec<WorkUnit> {
+    let share = batch.div_ceil(4 * rayon::current_num_threads());
+    let size = share.clamp(UNIT_SIZE_RANGE[0], UNIT_SIZE_RANGE[1]);
+    indices.chunks(size).map(|part| WorkUnit::Lanes(part.to_vec())).collect()
+}
 
 /// Checks every rollout, so that invalid input is rejected before any work is done, and partitions the work.
 /// The partition does not affect results. Compiled models are discarded: memory stays constant in the number
@@ -57,6 +84,11 @@ pub fn partition(
     budget: &dyn Budget,
     compile: impl Fn(&Rollout) -> Result<RolloutModel> + Sync,
 ) -> Result<Partition> {
+    let considers_accelerator = match engine {
+        Engine::Gpu => true,
+        Engine::Auto => rollouts.len() >= MIN_ACCELERATED_ROLLOUTS,
+        Engine::Lanes | Engine::Rapier => false,
+    };
     let check_chunk = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<TopologyGroup>> {
         let mut groups: Vec<TopologyGroup> = Vec::new();
         // Group of the previous rollout.
@@ -71,8 +103,10 @@ pub fn partition(
             let model = compile(rollout)?;
             let engine = engine_for(engine, &model)?;
             let topology = (engine != Engine::Rapier).then(|| Topology::of(&model));
-            let launch_size = if engine == Engine::Gpu { gpu::launch_size(&model) } else { usize::MAX };
-            last = group(&mut groups, GroupKind { engine, topology }, launch_size);
+            let considered = considers_accelerator && engine != Engine::Rapier;
+            let arena_kb = if considered { gpu::thread_memory_kb(&model) } else { None };
+            let launch_size = if arena_kb.is_some() { gpu::launch_size(&model) } else { usize::MAX };
+            last = group(&mut groups, GroupKind { engine, topology, arena_kb }, launch_size);
             groups[last].indices.push(chunk * UNIT_SIZE_RANGE[1] + i);
         }
         Ok(groups)
@@ -88,15 +122,17 @@ pub fn partition(
             groups[at].indices.extend(part.indices);
         }
     }
-    let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
-    let size = share.clamp(UNIT_SIZE_RANGE[0], UNIT_SIZE_RANGE[1]);
-    let mut partition = Partition { units: Vec::new(), launches: Vec::new() };
+    let mut partition = Partition { units: Vec::new(), accelerated: Vec::new() };
     for TopologyGroup { kind, indices, launch_size } in groups {
-        let parts = |size: usize| indices.chunks(size).map(<[usize]>::to_vec);
-        match kind.engine {
-            Engine::Rapier => partition.units.extend(indices.into_iter().map(WorkUnit::Rapier)),
-            Engine::Gpu => partition.launches.extend(parts(launch_size)),
-            Engine::Auto | Engine::Lanes => partition.units.extend(parts(size).map(WorkUnit::Lanes)),
+        let enough = kind.engine == Engine::Gpu || indices.len() >= MIN_ACCELERATED_ROLLOUTS;
+        match kind {
+            GroupKind { engine: Engine::Rapier, .. } => {
+                partition.units.extend(indices.into_iter().map(WorkUnit::Rapier));
+            }
+            GroupKind { arena_kb: Some(arena_kb), .. } if enough => {
+                partition.accelerated.push(AcceleratedGroup { indices, arena_kb, launch_size });
+            }
+            _ => partition.units.extend(units_of_share(&indices, rollouts.len())),
         }
     }
     Ok(partition)

@@ -1,14 +1,12 @@
 //! Simulation of batches of rollouts.
 
-use rayon::prelude::*;
-
+use super::batch_run::BatchRun;
 use super::compile::{RolloutModel, compile};
 use super::engine::Engine;
-use super::lanes::gpu::{self, Accelerator};
-use super::lanes::{self, BatchSettings, SimdLevel};
-use super::observe::{ObservationSchedule, SensorChain};
-use super::partition::{Partition, UNIT_SIZE_RANGE, WorkUnit, partition};
-use super::rapier;
+use super::lanes::gpu::{self, Accelerator, MeasuredSpeed};
+use super::lanes::{BatchSettings, SimdLevel};
+use super::observe::ObservationSchedule;
+use super::partition::{Partition, lanes_units, partition};
 use super::rollout::Rollout;
 use crate::budget::{Budget, Unlimited};
 use crate::error::{Error, Result};
@@ -61,7 +59,7 @@ impl<'a> Simulator<'a> {
         Simulator { settings, ..self }
     }
 
-    /// Runs [`Engine::Gpu`] on this, in place of this machine's graphics processor: for tests.
+    /// Runs rollouts on this, in place of this machine's graphics processor: for tests.
     pub fn accelerator(self, accelerator: &'a dyn Accelerator) -> Simulator<'a> {
         Simulator { accelerator: Some(accelerator), ..self }
     }
@@ -105,80 +103,28 @@ impl<'a> Simulator<'a> {
         rollouts: &[Rollout],
         keep: impl Fn(usize, Trajectory) -> T + Sync,
     ) -> Result<Vec<T>> {
-        let (budget, settings) = (self.budget, self.settings);
-        let Partition { mut units, launches } =
-            partition(rollouts, engine, budget, |rollout| self.compile(rollout))?;
-        let mut all = self.launch(rollouts, launches, &keep, &mut units)?;
-        let run = |unit: WorkUnit| -> Result<Vec<(usize, T)>> {
-            budget.check()?;
-            match unit {
-                WorkUnit::Rapier(index) => {
-                    let model = self.compile(&rollouts[index])?;
-                    let truth = rapier::run(&model, budget)?;
-                    Ok(vec![(index, keep(index, apply_sensors(model.sensors.as_ref(), truth)))])
-                }
-                WorkUnit::Lanes(indices) => {
-                    let results = Vec::with_capacity(indices.len());
-                    let (indices, sensors) = (indices.into_iter(), Vec::new());
-                    let mut source = UnitSource {
-                        simulator: self,
-                        rollouts,
-                        indices,
-                        keep: &keep,
-                        results,
-                        sensors,
-                        budget,
-                        cancelled: None,
-                    };
-                    lanes::run(&mut source, settings);
-                    source.cancelled.map_or(Ok(source.results), Err)
-                }
-            }
-        };
-        // A single unit runs on the calling thread.
-        let finished: Vec<Result<Vec<(usize, T)>>> = match units.len() {
-            0 | 1 => units.into_iter().map(run).collect(),
-            _ => units.into_par_iter().map(run).collect(),
-        };
-        for unit in finished {
-            all.extend(unit?);
-        }
+        let compile = |rollout: &Rollout| self.compile(rollout);
+        let Partition { units, accelerated } = partition(rollouts, engine, self.budget, compile)?;
+        let batch = BatchRun { rollouts, compile, keep, budget: self.budget, settings: self.settings };
         let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
-        for (index, result) in all {
-            results[index] = Some(result);
+        let mut store =
+            |done: Vec<(usize, T)>| done.into_iter().for_each(|(i, result)| results[i] = Some(result));
+        let own_speed = MeasuredSpeed::default();
+        for group in accelerated {
+            let found = match self.accelerator {
+                Some(accelerator) => Ok((accelerator, &own_speed)),
+                None => {
+                    gpu::find().map(|device| (device.accelerator.as_ref() as &dyn Accelerator, &device.speed))
+                }
+            };
+            store(match (engine, found) {
+                (Engine::Auto, Ok((accelerator, speed))) => batch.on_faster(accelerator, speed, &group)?,
+                (Engine::Auto, Err(_)) => batch.on_cpu(lanes_units(&group.indices))?,
+                (_, found) => batch.on_accelerator(found?.0, &group)?,
+            });
         }
+        store(batch.on_cpu(units)?);
         complete(results)
-    }
-
-    /// Runs launches on the accelerator; returns their results, and adds to `units` what must run on the CPU.
-    fn launch<T: Send>(
-        &self,
-        rollouts: &[Rollout],
-        launches: Vec<Vec<usize>>,
-        keep: &(impl Fn(usize, Trajectory) -> T + Sync),
-        units: &mut Vec<WorkUnit>,
-    ) -> Result<Vec<(usize, T)>> {
-        let mut results = Vec::new();
-        if launches.is_empty() {
-            return Ok(results);
-        }
-        let accelerator: &dyn Accelerator = match self.accelerator {
-            Some(accelerator) => accelerator,
-            None => gpu::find()?,
-        };
-        let keep_measured = |index: usize, model: &RolloutModel, truth: Trajectory| {
-            keep(index, apply_sensors(model.sensors.as_ref(), truth))
-        };
-        for indices in launches {
-            self.budget.check()?;
-            let done =
-                gpu::run(accelerator, &indices, |index| self.compile(&rollouts[index]), keep_measured)?;
-            results.extend(done.results);
-            units.extend(
-                done.overflowed.chunks(UNIT_SIZE_RANGE[1]).map(|part| WorkUnit::Lanes(part.to_vec())),
-            );
-        }
-        Ok(results)
     }
 
     /// The model of a rollout, which observes what is kept.
@@ -215,50 +161,6 @@ impl<'a> Simulator<'a> {
 /// All results; an error if one is missing.
 fn complete<T>(results: Vec<Option<T>>) -> Result<Vec<T>> {
     results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout has no result".into()))).collect()
-}
-
-fn apply_sensors(view: Option<&SensorChain>, truth: Trajectory) -> Trajectory {
-    match view {
-        Some(view) => view.measure(truth),
-        None => truth,
-    }
-}
-
-/// Feeds a unit of rollouts to the batched engine.
-struct UnitSource<'a, K, T> {
-    simulator: &'a Simulator<'a>,
-    rollouts: &'a [Rollout<'a>],
-    indices: std::vec::IntoIter<usize>,
-    keep: &'a K,
-    results: Vec<(usize, T)>,
-    /// Sensors of the rollouts in progress that have any, by index.
-    sensors: Vec<(usize, SensorChain)>,
-    budget: &'a dyn Budget,
-    /// The reason why it was cancelled, if it was.
-    cancelled: Option<Error>,
-}
-
-impl<T, K: Fn(usize, Trajectory) -> T> lanes::RolloutSource for UnitSource<'_, K, T> {
-    fn next(&mut self) -> Option<(usize, RolloutModel)> {
-        let index = self.indices.next()?;
-        // `partition` has already compiled it without error; a rollout that fails now is reported as
-        // missing.
-        let mut model = self.simulator.compile(&self.rollouts[index]).ok()?;
-        self.sensors.extend(model.sensors.take().map(|sensors| (index, sensors)));
-        Some((index, model))
-    }
-
-    fn should_continue(&mut self) -> bool {
-        self.cancelled = self.budget.check().err();
-        self.cancelled.is_none()
-    }
-
-    fn done(&mut self, index: usize, truth: Trajectory) {
-        let view =
-            self.sensors.iter().position(|(i, _)| *i == index).map(|at| self.sensors.swap_remove(at).1);
-        let trajectory = apply_sensors(view.as_ref(), truth);
-        self.results.push((index, (self.keep)(index, trajectory)));
-    }
 }
 
 #[cfg(test)]

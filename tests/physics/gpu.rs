@@ -39,30 +39,38 @@ impl Accelerator for Emulator {
         });
         Ok(outputs)
     }
+
+    fn capacity(&self, _: usize) -> usize {
+        1000
+    }
 }
 
 /// Compares the engines on all scenes; returns the number of rollouts that the kernel ran.
 fn compare(scenes: &[Scene], label: &str) -> usize {
-    let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
-    let wanted: Vec<Trajectory> = Simulator::new(Engine::Auto).run(&rollouts).unwrap();
+    compare_rollouts(&scenes.iter().map(Rollout::of).collect::<Vec<Rollout>>(), label)
+}
+
+/// The same for rollouts.
+fn compare_rollouts(rollouts: &[Rollout], label: &str) -> usize {
+    let wanted: Vec<Trajectory> = Simulator::new(Engine::Auto).run(rollouts).unwrap();
     let emulator = Emulator::default();
     let simulator = Simulator::new(Engine::Gpu).accelerator(&emulator);
-    let ours = simulator.run(&rollouts).unwrap();
+    let ours = simulator.run(rollouts).unwrap();
     let ran = *emulator.0.lock().unwrap();
     same(&ours, &wanted, label);
-    let wanted_outcomes = Simulator::new(Engine::Auto).without_samples().run(&rollouts).unwrap();
+    let wanted_outcomes = Simulator::new(Engine::Auto).without_samples().run(rollouts).unwrap();
     same(
-        &simulator.without_samples().run(&rollouts).unwrap(),
+        &simulator.without_samples().run(rollouts).unwrap(),
         &wanted_outcomes,
         &format!("{label}, outcomes"),
     );
-    match Simulator::new(Engine::Gpu).run(&rollouts) {
+    match Simulator::new(Engine::Gpu).run(rollouts) {
         Ok(on_device) => same(&on_device, &wanted, &format!("{label}, on the device")),
         // Only the absence of a device is no failure.
         Err(error @ Error::Input(_)) => eprintln!("{label}: not compared on a device: {error}"),
         Err(error) => panic!("{label}, on the device: {error}"),
     }
-    eprintln!("{label}: {ran} of {} rollouts by the kernel", scenes.len());
+    eprintln!("{label}: {ran} of {} rollouts by the kernel", rollouts.len());
     ran
 }
 
@@ -109,6 +117,30 @@ fn ten_thousand_random_scenes_have_the_same_bits() {
     assert!(ran >= 10_000, "{ran}");
 }
 
+/// Stacks and random scenes that begin with established contacts, and the same without, in the same launch.
+#[test]
+fn warm_starts_have_the_same_bits() {
+    let mut scenes = random_scenes(any_scene(), 600);
+    scenes.extend(random_scenes(islands(), 200));
+    for (i, scene) in random_scenes(disc_scenes(), 400).into_iter().enumerate() {
+        // A pile that starts on the floor.
+        let pile = (0..3 + i % 4)
+            .map(|k| disc(&format!("b{k}"), 0.2, [0.01 * k as f64, 0.195 + 0.39 * k as f64], [0.0; 2]));
+        scenes.extend([box_scene(pile.collect()), scene]);
+    }
+    scenes.iter_mut().for_each(|scene| scene.goal = None);
+    let rollouts: Vec<Rollout> = scenes
+        .iter()
+        .enumerate()
+        .map(|(i, scene)| Rollout { contacts_established: i % 3 > 0, ..Rollout::of(scene) })
+        .collect();
+    let cold: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
+    let run = |rollouts: &[Rollout]| Simulator::new(Engine::Lanes).run(rollouts).unwrap();
+    let changed = run(&rollouts).iter().zip(&run(&cold)).filter(|(a, b)| a != b).count();
+    assert!(changed > 100, "warm starts change only {changed} rollouts: the test shows too little");
+    assert!(compare_rollouts(&rollouts, "warm starts") > 1300);
+}
+
 /// More contacts than an output has room for: the rollout is repeated on the CPU.
 #[test]
 fn rollouts_with_many_contacts_have_the_same_bits() {
@@ -133,6 +165,62 @@ fn rollouts_with_many_contacts_have_the_same_bits() {
     };
     assert!(events(&scene) > 128 && events(&calm) < 128);
     compare(&[scene, calm], "many contacts");
+}
+
+/// An accelerator that fails after so many launches.
+struct Failing {
+    emulator: Emulator,
+    launches: Mutex<usize>,
+}
+
+impl Failing {
+    fn after(launches: usize) -> Failing {
+        Failing { emulator: Emulator::default(), launches: Mutex::new(launches) }
+    }
+}
+
+impl Accelerator for Failing {
+    fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
+        let mut left = self.launches.lock().unwrap();
+        if *left == 0 {
+            return Err(Error::Failed("graphics processor: lost".into()));
+        }
+        *left -= 1;
+        self.emulator.run(work)
+    }
+
+    fn capacity(&self, arena_kb: usize) -> usize {
+        self.emulator.capacity(arena_kb)
+    }
+}
+
+/// `auto` measures which of the two is faster, and continues on the CPU after a failure: the results are the same.
+#[test]
+fn auto_has_the_same_bits_wherever_it_runs() {
+    let scenes: Vec<Scene> = (0..20_000)
+        .map(|i| {
+            let x = 1e-4 * f64::from(i);
+            let mut scene = box_scene(vec![disc("b0", 0.3, [x, 1.0], [1.0, 0.0])]);
+            scene.steps = 50;
+            scene
+        })
+        .collect();
+    let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
+    let wanted = Simulator::new(Engine::Lanes).run(&rollouts).unwrap();
+    let on = |engine, accelerator: &dyn Accelerator| {
+        Simulator::new(engine).accelerator(accelerator).run(&rollouts)
+    };
+    let emulator = Emulator::default();
+    same(&on(Engine::Auto, &emulator).unwrap(), &wanted, "auto");
+    assert!(*emulator.0.lock().unwrap() >= 1000, "no rollout ran on the accelerator");
+    for launches in [0, 1] {
+        same(&on(Engine::Auto, &Failing::after(launches)).unwrap(), &wanted, "auto after a failure");
+        assert!(on(Engine::Gpu, &Failing::after(0)).unwrap_err().to_string().contains("lost"));
+    }
+    let few = &rollouts[..1000];
+    let unused = Emulator::default();
+    same(&Simulator::new(Engine::Auto).accelerator(&unused).run(few).unwrap(), &wanted[..1000], "few");
+    assert_eq!(*unused.0.lock().unwrap(), 0, "a small batch ran on the accelerator");
 }
 
 /// Regions of different sizes in the same thread; those of more than 16 points run on the CPU.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from iplw import codec
 from iplw.binary import find_binary
 
 BINARY = find_binary()
@@ -105,3 +106,19 @@ def test_the_graphics_processor_is_used_or_its_absence_explained(tmp_path: Path)
     else:
         with np.load(tmp_path / "out.npz") as out:
             assert json.loads(str(out["about"]))["engine"] == "gpu"
+
+
+def test_arrays_are_shared_with_other_libraries_without_a_copy(tmp_path: Path) -> None:
+    done = rollout(tmp_path, arrays=inputs())
+    assert done.returncode == 0, done.stderr
+    from_file = np.load(tmp_path / "out.npz")["position"]
+    pytest.importorskip("msgpack")
+    received = codec.unpack(codec.pack({"position": from_file}))["position"]
+    for array in [from_file, received]:
+        assert array.flags.writeable
+        shared = np.from_dlpack(array)
+        assert np.shares_memory(shared, array)
+    torch = pytest.importorskip("torch")
+    tensor = torch.from_dlpack(received)
+    tensor[0, 0, 0, 0] = 7.0
+    assert received[0, 0, 0, 0] == 7.0 and tensor.shape == from_file.shape

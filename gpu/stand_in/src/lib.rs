@@ -42,9 +42,9 @@ pub unsafe extern "C" fn cuDeviceGet(device: *mut c_int, _: c_int) -> c_int {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn cuDeviceGetAttribute(value: *mut c_int, attribute: c_int, _: c_int) -> c_int {
-    // Multiprocessors, and compute capability 9.0.
+    // Multiprocessors, threads of each, and compute capability 9.0.
     unsafe {
-        *value = [(16, 2), (75, 9), (76, 0)].iter().find(|(a, _)| *a == attribute).map_or(0, |(_, v)| *v)
+        *value = [(16, 2), (39, 64), (75, 9), (76, 0)].iter().find(|(a, _)| *a == attribute).map_or(0, |(_, v)| *v)
     };
     OK
 }
@@ -75,6 +75,13 @@ pub unsafe extern "C" fn cuModuleGetFunction(function: *mut Handle, _: Handle, n
     };
     unsafe { *function = (kilobytes * 1024) as Handle };
     OK
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn cuFuncGetAttribute(value: *mut c_int, attribute: c_int, function: Handle) -> c_int {
+    // The memory of a thread, which is in place of the function.
+    unsafe { *value = function as c_int };
+    if attribute == 3 { OK } else { INVALID }
 }
 
 #[unsafe(no_mangle)]

@@ -86,6 +86,8 @@ struct LaneBatch {
     due: f64,
     /// The state after the last step, if some lane may have come to rest.
     snapshot: StepSnapshot,
+    /// The warm start of each lane, which repeats the first step until contact impulses have converged.
+    warm_starts: [ContactWarmStart; LANES],
     /// Whether some lane is still repeating its first step.
     has_warm_starts: bool,
 }
@@ -105,8 +107,6 @@ struct LaneRollout {
     /// The model, if there are interventions; and the number of interventions already applied.
     model: Option<Box<RolloutModel>>,
     changed: usize,
-    /// The warm start, while the first step is repeated until contact impulses have converged.
-    warm_start: Option<ContactWarmStart>,
 }
 
 impl LaneRollout {
@@ -127,6 +127,7 @@ impl LaneBatch {
         let state = BatchState::new(&topology);
         LaneBatch {
             snapshot: StepSnapshot::with_capacity(&state),
+            warm_starts: std::array::from_fn(|_| ContactWarmStart::new(&topology, &state)),
             state,
             goal: GoalLanes::new(&topology),
             lanes: Default::default(),
@@ -167,11 +168,10 @@ impl LaneBatch {
             due: self.state.tick + f64::from(next_observation),
             model: None,
             changed: 0,
-            warm_start: None,
         };
         new.recorder.observe(0, &model.initial_states());
         if model.contacts_established {
-            new.warm_start = Some(ContactWarmStart::new(model));
+            self.warm_starts[lane].begin(&self.state, lane);
             self.has_warm_starts = true;
         } else if !model.interventions.is_empty() {
             new.model = Some(Box::new(model));
@@ -203,10 +203,11 @@ impl LaneBatch {
     fn continue_warm_starts(&mut self) {
         self.has_warm_starts = false;
         for lane in 0..LANES {
-            let Some(lane_rollout) = &mut self.lanes[lane] else { continue };
-            let Some(mut warm_start) = lane_rollout.warm_start.take() else { continue };
-            if warm_start.restart(&mut self.state, lane) {
-                lane_rollout.warm_start = Some(warm_start);
+            let (Some(lane_rollout), warm_start) = (&mut self.lanes[lane], &mut self.warm_starts[lane])
+            else {
+                continue;
+            };
+            if warm_start.is_pending() && warm_start.restart(&mut self.state, lane) {
                 self.has_warm_starts = true;
                 lane_rollout.due = self.state.tick + f64::from(lane_rollout.next());
                 // A lane that restarts is not at rest.
@@ -311,6 +312,7 @@ impl LaneBatch {
     /// Passes a finished rollout on.
     fn finish_lane(&mut self, lane: usize, step: u32, end: Termination, source: &mut dyn RolloutSource) {
         if let Some(mut lane_rollout) = self.lanes[lane].take() {
+            self.warm_starts[lane].end();
             let rolling: f64 = self.state.bodies.iter().map(|b| b.rolling[lane]).sum();
             lane_rollout.recorder.add_rolling_steps(rolling as u32);
             if lane_rollout.solved {

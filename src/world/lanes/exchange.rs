@@ -70,7 +70,7 @@ impl Topology {
         port.wholes(self.own.each_mut());
         wholes(&mut self.motion_laws, port);
         wholes(&mut self.contact_laws, port);
-        port.flags([&mut self.clocked]);
+        port.flags([&mut self.clocked, &mut self.contacts_established]);
         let mut time_step = f64::from_bits(self.time_step);
         port.number(&mut time_step);
         self.time_step = time_step.to_bits();

@@ -14,6 +14,8 @@ pub struct Topology {
     pub contact_laws: Vec<usize>,
     /// Whether an effect depends on time.
     pub clocked: bool,
+    /// Whether rollouts begin with established contacts.
+    pub contacts_established: bool,
     /// Bits of the time step.
     pub time_step: u64,
     pub goal: Option<GoalTopology>,

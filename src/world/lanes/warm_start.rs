@@ -5,9 +5,10 @@
 //! sways for many steps until the iterations have found the impulses: a pole with a ball on top by
 //! millimetres.
 
+use super::contact_pair::NEVER_TOUCHED;
 use super::simd::V;
 use super::state::BatchState;
-use crate::world::compile::RolloutModel;
+use super::topology::Topology;
 
 /// Maximum number of repetitions of the first step.
 const MAX_REPETITIONS: u32 = 12;
@@ -17,19 +18,56 @@ const IMPULSE_CONVERGENCE_TOLERANCE: f64 = 1e-6;
 /// thousandth of the remaining error.
 const MAX_CONVERGENCE_RATE: f64 = 0.999;
 
-/// The warm start of a rollout whose first step is not final.
+/// The warm start of a rollout whose first step is not final. Its memory is reused.
+#[derive(Default)]
 pub struct ContactWarmStart {
-    model: Box<RolloutModel>,
-    /// Impulses of the lane's contacts after the last repetition, N s, and their change since the
-    /// previous one, if it was not extrapolated.
+    /// Pose and velocity of each body at the start: x, y, angle, vx, vy, omega of its centre of mass.
+    start: Vec<[f64; 6]>,
+    /// Impulses of the lane's contacts, N s: now, after the last repetition, and their change in it.
+    now: Vec<f64>,
     before: Vec<f64>,
-    changes: Option<Vec<f64>>,
+    changes: Vec<f64>,
+    /// Whether the changes belong to two repetitions in sequence, without an extrapolation between them.
+    has_changes: bool,
     repetitions: u32,
+    pending: bool,
 }
 
 impl ContactWarmStart {
-    pub fn new(model: RolloutModel) -> ContactWarmStart {
-        ContactWarmStart { model: Box::new(model), before: Vec::new(), changes: None, repetitions: 0 }
+    /// One with memory for these bodies and contacts, if rollouts begin with established contacts.
+    pub fn new(topology: &Topology, state: &BatchState) -> ContactWarmStart {
+        if !topology.contacts_established {
+            return ContactWarmStart::default();
+        }
+        let impulses = || Vec::with_capacity(2 * state.pairs.len() + 4 * state.near.len());
+        ContactWarmStart {
+            start: Vec::with_capacity(state.bodies.len()),
+            now: impulses(),
+            before: impulses(),
+            changes: impulses(),
+            ..ContactWarmStart::default()
+        }
+    }
+
+    /// Begins with the initial state in the lane.
+    pub fn begin(&mut self, state: &BatchState, lane: usize) {
+        self.start.clear();
+        self.start.extend(state.bodies.iter().map(|body| {
+            let m = &body.moving;
+            [m.x[lane], m.y[lane], body.angle[lane], m.vx[lane], m.vy[lane], m.omega[lane]]
+        }));
+        self.before.clear();
+        (self.has_changes, self.repetitions, self.pending) = (false, 0, true);
+    }
+
+    /// Whether the first step is still being repeated.
+    pub fn is_pending(&self) -> bool {
+        self.pending
+    }
+
+    /// Ends it with its rollout.
+    pub fn end(&mut self) {
+        self.pending = false;
     }
 
     /// After the first step: resets the lane to its initial state, with the current impulses, unless they
@@ -38,33 +76,51 @@ impl ContactWarmStart {
     /// The impulses converge linearly, and slowly under a heavy body: the limit is extrapolated from two
     /// changes (Aitken's method).
     pub fn restart(&mut self, state: &mut BatchState, lane: usize) -> bool {
-        let mut now = impulses(state, lane);
+        let ContactWarmStart { now, before, changes, .. } = self;
+        now.clear();
+        for_each_impulse(state, |jn, jt| now.extend([jn[lane], jt[lane]]));
         let largest = now.iter().fold(0.0_f64, |most, j| most.max(j.abs()));
-        let changed: Vec<f64> = now.iter().zip(&self.before).map(|(a, b)| a - b).collect();
-        let found =
-            !changed.is_empty() && changed.iter().all(|c| c.abs() <= IMPULSE_CONVERGENCE_TOLERANCE * largest);
+        let changed = || now.iter().zip(before.iter()).map(|(a, b)| a - b);
+        let repeated = !before.is_empty();
+        let found = repeated && changed().all(|c| c.abs() <= IMPULSE_CONVERGENCE_TOLERANCE * largest);
         if found || largest == 0.0 || self.repetitions == MAX_REPETITIONS {
+            self.pending = false;
             return false;
         }
-        let contraction = self.changes.take().map_or(0.0, |last| dot(&changed, &last) / dot(&last, &last));
-        if contraction > 0.0 && contraction < MAX_CONVERGENCE_RATE {
+        let contraction = if self.has_changes {
+            dot(changed(), changes) / dot(changes.iter().copied(), changes)
+        } else {
+            0.0
+        };
+        let extrapolates = contraction > 0.0 && contraction < MAX_CONVERGENCE_RATE;
+        self.has_changes = repeated && !extrapolates;
+        changes.clear();
+        changes.extend(changed());
+        if extrapolates {
             let rest = contraction / (1.0 - contraction);
-            now.iter_mut().zip(&changed).for_each(|(j, c)| *j += rest * c);
-            set_impulses(state, lane, &now);
-        } else if !changed.is_empty() {
-            self.changes = Some(changed);
+            now.iter_mut().zip(changes.iter()).for_each(|(j, c)| *j += rest * c);
+            set_impulses(state, lane, now);
         }
-        (self.before, self.repetitions) = (now, self.repetitions + 1);
-        reset_bodies(state, lane, &self.model);
+        std::mem::swap(before, now);
+        self.repetitions += 1;
+        self.reset_bodies(state, lane);
         true
     }
-}
 
-/// Impulses of the lane's contacts, N s: the normal and the tangential impulse of each point.
-fn impulses(state: &mut BatchState, lane: usize) -> Vec<f64> {
-    let mut all = Vec::new();
-    for_each_impulse(state, |jn, jt| all.extend([jn[lane], jt[lane]]));
-    all
+    /// Resets a lane's bodies to their initial state at this tick and keeps the impulses.
+    fn reset_bodies(&self, state: &mut BatchState, lane: usize) {
+        for (body, [x, y, angle, vx, vy, omega]) in state.bodies.iter_mut().zip(&self.start) {
+            let m = &mut body.moving;
+            (m.x[lane], m.y[lane], m.vx[lane], m.vy[lane], m.omega[lane]) = (*x, *y, *vx, *vy, *omega);
+            body.angle[lane] = *angle;
+            (body.bias_x[lane], body.bias_y[lane], body.rolling[lane]) = (0.0, 0.0, 0.0);
+        }
+        state.frames.iter_mut().for_each(|frame| frame.bias_omega[lane] = 0.0);
+        state.all_contacts_mut().for_each(|contact| {
+            (contact.last_touch[lane], contact.begins[lane]) = (NEVER_TOUCHED, 0.0);
+        });
+        state.start_tick[lane] = state.tick;
+    }
 }
 
 /// Sets the impulses of the contacts; normal impulses are not negative.
@@ -94,17 +150,6 @@ fn for_each_impulse(state: &mut BatchState, mut of: impl FnMut(&mut V, &mut V)) 
     }
 }
 
-/// Resets a lane's bodies to their initial state at this tick and keeps the impulses.
-fn reset_bodies(state: &mut BatchState, lane: usize, model: &RolloutModel) {
-    for (i, own) in model.bodies.iter().enumerate() {
-        state.set_body(lane, i, own, &own.initial_state());
-        state.bodies[i].rolling[lane] = 0.0;
-    }
-    state.reset_contact_times(lane, |_| true);
-    state.all_contacts_mut().for_each(|contact| contact.begins[lane] = 0.0);
-    state.start_tick[lane] = state.tick;
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+fn dot(a: impl Iterator<Item = f64>, b: &[f64]) -> f64 {
+    a.zip(b).map(|(a, b)| a * b).sum()
 }

@@ -30,4 +30,7 @@ pub trait Accelerator: Sync {
     /// # Errors
     /// If the device is out of memory or was lost.
     fn run(&self, work: &RolloutImages) -> Result<Vec<f64>>;
+
+    /// Number of rollouts that it runs at the same time, with this thread memory.
+    fn capacity(&self, arena_kb: usize) -> usize;
 }

@@ -22,12 +22,12 @@ const DRIVER_FILES: [&str; 2] = ["libcuda.so.1", "libcuda.so"];
 const THREADS_PER_BLOCK: usize = 64;
 /// Least compute capability: that of the kernel.
 const MIN_CAPABILITY: [c_int; 2] = [7, 0];
-/// Fraction of the free memory of the device that data may take; the rest is for the threads' own memory.
-const MAX_MEMORY_FRACTION: f64 = 0.5;
 
 const ATTRIBUTE_MULTIPROCESSORS: c_int = 16;
+const ATTRIBUTE_THREADS_PER_MULTIPROCESSOR: c_int = 39;
 const ATTRIBUTE_CAPABILITY_MAJOR: c_int = 75;
 const ATTRIBUTE_CAPABILITY_MINOR: c_int = 76;
+const FUNCTION_ATTRIBUTE_LOCAL_BYTES: c_int = 3;
 
 type Status = c_int;
 type DevicePointer = u64;
@@ -69,10 +69,17 @@ driver! {
     free b"cuMemFree_v2\0" (DevicePointer);
     upload b"cuMemcpyHtoD_v2\0" (DevicePointer, *const c_void, usize);
     download b"cuMemcpyDtoH_v2\0" (*mut c_void, DevicePointer, usize);
+    function_attribute b"cuFuncGetAttribute\0" (*mut c_int, c_int, Handle);
     occupancy b"cuOccupancyMaxActiveBlocksPerMultiprocessor\0" (*mut c_int, Handle, c_int, usize);
     launch b"cuLaunchKernel\0" (Handle, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, Handle, *mut *mut c_void, *mut *mut c_void);
     synchronize b"cuCtxSynchronize\0" ();
     error_text b"cuGetErrorString\0" (Status, *mut *const c_char);
+}
+
+/// The driver's library, if it is installed.
+pub fn load_driver() -> Option<Library> {
+    // SAFETY: the driver's own initialisation.
+    DRIVER_FILES.iter().find_map(|file| unsafe { Library::new(file) }.ok())
 }
 
 /// A device with the kernel loaded.
@@ -86,6 +93,8 @@ struct Context {
     handle: Handle,
     /// The entry points, in the order of [`ARENA_SIZES_KB`].
     entries: [EntryPoint; ARENA_SIZES_KB.len()],
+    /// Bytes that the driver keeps for the threads of the largest entry point so far.
+    kept_bytes: usize,
 }
 
 /// An entry point of the kernel.
@@ -94,6 +103,8 @@ struct EntryPoint {
     function: Handle,
     /// Blocks that run at the same time; further ones would only wait.
     max_blocks: usize,
+    /// Memory that the driver reserves for all threads that the device can hold, bytes.
+    thread_bytes: usize,
 }
 
 // SAFETY: the driver's handles may be used from any thread; a lock is held while they are.
@@ -102,9 +113,7 @@ unsafe impl Send for Context {}
 impl Cuda {
     /// The first device; an error says why there is none.
     pub fn open() -> std::result::Result<Cuda, String> {
-        // SAFETY: the driver's own initialisation.
-        let library = DRIVER_FILES.iter().find_map(|file| unsafe { Library::new(file) }.ok());
-        let driver = Driver::load(library.ok_or("no NVIDIA driver is installed")?)?;
+        let driver = Driver::load(load_driver().ok_or("no NVIDIA driver is installed")?)?;
         let (mut count, mut device) = (0, 0);
         // SAFETY: pointers to variables of the declared types, here and below.
         driver.check("initialising", unsafe { (driver.init)(0) })?;
@@ -130,32 +139,33 @@ impl Cuda {
             (driver.load_module)(&mut module, text.as_ptr().cast())
         })?;
         let multiprocessors = driver.attribute(device, ATTRIBUTE_MULTIPROCESSORS)?;
-        let mut entries =
-            [EntryPoint { function: std::ptr::null_mut(), max_blocks: 1 }; ARENA_SIZES_KB.len()];
+        let threads = multiprocessors * driver.attribute(device, ATTRIBUTE_THREADS_PER_MULTIPROCESSOR)?;
+        let none = EntryPoint { function: std::ptr::null_mut(), max_blocks: 1, thread_bytes: 0 };
+        let mut entries = [none; ARENA_SIZES_KB.len()];
         for (entry, kb) in entries.iter_mut().zip(ARENA_SIZES_KB) {
             *entry = driver.entry_point(module, &format!("rollout_{kb}"), multiprocessors as usize)?;
+            entry.thread_bytes *= threads as usize;
         }
-        Ok(Cuda { driver, context: Mutex::new(Context { handle, entries }) })
+        Ok(Cuda { driver, context: Mutex::new(Context { handle, entries, kept_bytes: 0 }) })
     }
 
-    fn launch(&self, context: &Context, work: &RolloutImages) -> std::result::Result<Vec<f64>, String> {
+    fn launch(&self, context: &mut Context, work: &RolloutImages) -> std::result::Result<Vec<f64>, String> {
         let driver = &self.driver;
         // SAFETY: the context of the device.
         driver.check("selecting the device", unsafe { (driver.set_context)(context.handle) })?;
-        let kind = ARENA_SIZES_KB
-            .iter()
-            .position(|kb| *kb == work.arena_kb)
-            .ok_or("the kernel has no entry point of this size")?;
-        let (entry, count) = (context.entries[kind], work.rollouts());
+        let (entry, count) = (context.entry(work.arena_kb)?, work.rollouts());
         let blocks = count.div_ceil(THREADS_PER_BLOCK).min(entry.max_blocks);
         let threads = blocks * THREADS_PER_BLOCK;
         let mut outputs = vec![0.0f64; count * work.output_len];
         let bytes = 8 * (work.images.len() + work.starts.len() + outputs.len() + threads);
-        let free = driver.free()?;
-        if bytes as f64 > MAX_MEMORY_FRACTION * free as f64 {
-            let [needed, free] = [bytes, free].map(|bytes| bytes >> 20);
-            return Err(format!("the rollouts need {needed} MB and the device has {free} MB free"));
+        let free = driver.free()? + context.kept_bytes;
+        if bytes + entry.thread_bytes > free {
+            let [data, own, free] = [bytes, entry.thread_bytes, free].map(|bytes| bytes >> 20);
+            return Err(format!(
+                "the rollouts need {data} MB and the threads {own} MB, and the device has {free} MB free"
+            ));
         }
+        context.kept_bytes = context.kept_bytes.max(entry.thread_bytes);
         let topology = driver.copy(&work.topology)?;
         let images = driver.copy(&work.images)?;
         let starts = driver.copy(&work.starts)?;
@@ -187,8 +197,22 @@ impl Cuda {
 
 impl Accelerator for Cuda {
     fn run(&self, work: &RolloutImages) -> Result<Vec<f64>> {
-        let context = crate::sync::lock(&self.context);
-        self.launch(&context, work).map_err(|reason| Error::Failed(format!("graphics processor: {reason}")))
+        let mut context = crate::sync::lock(&self.context);
+        self.launch(&mut context, work)
+            .map_err(|reason| Error::Failed(format!("graphics processor: {reason}")))
+    }
+
+    fn capacity(&self, arena_kb: usize) -> usize {
+        let entry = crate::sync::lock(&self.context).entry(arena_kb);
+        entry.map_or(0, |entry| entry.max_blocks * THREADS_PER_BLOCK)
+    }
+}
+
+impl Context {
+    /// The entry point for a thread memory, kB.
+    fn entry(&self, arena_kb: usize) -> std::result::Result<EntryPoint, String> {
+        let kind = ARENA_SIZES_KB.iter().position(|kb| *kb == arena_kb);
+        kind.map(|kind| self.entries[kind]).ok_or("the kernel has no entry point of this size".into())
     }
 }
 
@@ -223,7 +247,7 @@ impl Driver {
         Err(format!("error {status} in {activity}: {reason}"))
     }
 
-    /// The function of a module with this name.
+    /// The function of a module with this name; its memory is that of one thread.
     fn entry_point(
         &self,
         module: Handle,
@@ -236,7 +260,12 @@ impl Driver {
         self.check("loading the kernel", unsafe { (self.function)(&mut function, module, name.as_ptr()) })?;
         let status = unsafe { (self.occupancy)(&mut blocks, function, THREADS_PER_BLOCK as c_int, 0) };
         self.check("reading the occupancy", status)?;
-        Ok(EntryPoint { function, max_blocks: multiprocessors * blocks.max(1) as usize })
+        let mut bytes: c_int = 0;
+        let status =
+            unsafe { (self.function_attribute)(&mut bytes, FUNCTION_ATTRIBUTE_LOCAL_BYTES, function) };
+        self.check("reading the memory of a thread", status)?;
+        let max_blocks = multiprocessors * blocks.max(1) as usize;
+        Ok(EntryPoint { function, max_blocks, thread_bytes: bytes as usize })
     }
 
     /// Starts blocks of an entry point with the address of their parameters.

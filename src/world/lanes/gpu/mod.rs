@@ -4,14 +4,15 @@
 //! into a lane as for the processor, copied as numbers (`exchange`), run on an [`Accelerator`], and their outputs
 //! recorded.
 //!
-//! Rollouts with interventions or established contacts, and those that need more memory than a thread may have, run on
-//! the processor: see [`supports`].
+//! Rollouts with interventions, and those that need more memory than a thread may have, run on
+//! the processor: see [`thread_memory_kb`].
 
 mod accelerator;
 mod arena;
 #[cfg(target_os = "linux")]
 mod cuda;
 mod find;
+mod measured_speed;
 
 use rayon::prelude::*;
 
@@ -30,7 +31,8 @@ use crate::world::observe::ObservationSchedule;
 use crate::world::record::{BodyState, Recorder};
 pub use accelerator::{Accelerator, RolloutImages};
 use arena::arena_size;
-pub use find::find;
+pub use find::{find, is_installed};
+pub use measured_speed::MeasuredSpeed;
 
 /// Rollouts that are loaded by one thread before the next.
 const ROLLOUTS_PER_TASK: usize = 64;
@@ -41,16 +43,14 @@ const LANE: usize = 0;
 /// Maximum size of the outputs of one launch, numbers.
 const MAX_OUTPUT_NUMBERS: usize = 1 << 27;
 
-/// Whether an accelerator can run the rollout.
-pub fn supports(model: &RolloutModel) -> bool {
+/// Memory of a thread for rollouts like this one, kB; `None` if an accelerator cannot run them.
+pub fn thread_memory_kb(model: &RolloutModel) -> Option<usize> {
     let region = match model.goal.as_ref().map(|goal| &goal.condition) {
         Some(GoalCondition::Inside { region, .. }) => region.len(),
         _ => 0,
     };
-    !model.contacts_established
-        && model.interventions.is_empty()
-        && region <= MAX_REGION_POINTS
-        && arena_size(&Topology::of(model)).is_some()
+    let supported = model.interventions.is_empty() && region <= MAX_REGION_POINTS;
+    supported.then(|| arena_size(&Topology::of(model))).flatten()
 }
 
 /// Number of rollouts like this one in a launch.

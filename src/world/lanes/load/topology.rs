@@ -24,6 +24,7 @@ impl Topology {
             motion_laws: of_kind(|kind| matches!(kind, EffectKind::Motion(_))),
             contact_laws: of_kind(|kind| matches!(kind, EffectKind::Contact(_))),
             clocked: model.motion_laws.iter().any(|(law, _)| !law.is_autonomous()),
+            contacts_established: model.contacts_established,
             time_step: model.time_step.to_bits(),
             goal: model.goal.as_ref().map(|g| goal(&g.condition, count)),
         }
