@@ -14,6 +14,7 @@ mod families;
 pub mod geometry;
 mod goal;
 mod intervention;
+pub mod joint;
 pub(crate) mod limits;
 pub mod phyre;
 mod placement;

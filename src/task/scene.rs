@@ -1,4 +1,4 @@
-//! `iplw.scene/1`: bodies, statics, goal and action space as plain data.
+//! `iplw.scene/1` and `/2`: bodies, statics, joints, goal and action space as plain data.
 //!
 //! SI units, y up, angles counter-clockwise. [`Scene::from_json`] parses and validates; [`Scene::validate`]
 //! checks a `Scene` built in code. The dynamics are in `world/`.
@@ -14,18 +14,20 @@ pub use super::contact_rules::{ContactRules, FrictionRule, MAX_RESTITUTION_THRES
 use super::geometry::{Aabb, union_box};
 pub use super::goal::{Goal, GoalPoint};
 use super::intervention::Intervention;
+use super::joint::{Joint, Motor};
 pub use super::setting::{BodyOverride, Setting, StaticOverride};
 pub use super::shape::Shape;
 use crate::error::{Error, Result};
 
-/// The value of a scene's `format` field.
+/// The value of a scene's `format` field, and of one with joints.
 pub const FORMAT: &str = "iplw.scene/1";
+pub const JOINT_FORMAT: &str = "iplw.scene/2";
 
 /// A 2D scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Always [`FORMAT`].
+    /// [`FORMAT`], or [`JOINT_FORMAT`], which also has joints and motors.
     pub format: String,
     /// Free text.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -38,6 +40,11 @@ pub struct Scene {
     /// Objects that never move.
     #[serde(default)]
     pub statics: Vec<Static>,
+    /// Joints and their motors.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joints: Vec<Joint>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motors: Vec<Motor>,
     /// Effects beyond gravity and contact; names and parameters as `world::effect` registers them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectTerm>,
@@ -127,6 +134,8 @@ impl Scene {
             gravity: default_gravity(),
             bodies: Vec::new(),
             statics: Vec::new(),
+            joints: Vec::new(),
+            motors: Vec::new(),
             effects: Vec::new(),
             damping: None,
             contact_rules: None,

@@ -7,7 +7,7 @@ use super::geometry::{Aabb, disjoint, signed_area};
 use super::goal::Goal;
 use super::limits::{MAX_LENGTH_M, TIME_STEP_RANGE_S, check_name_length, check_text_length, check_vector};
 use super::placement;
-use super::scene::{FORMAT, Scene};
+use super::scene::{FORMAT, JOINT_FORMAT, Scene};
 use super::solid::{ConvexPieces, Solid};
 use super::timeline;
 use crate::error::{Error, Result, check_format, check_range};
@@ -20,7 +20,16 @@ const MAX_LIST_LENGTH: usize = 64;
 impl Scene {
     /// Checks every value and reference; the first problem is the error.
     pub fn validate(&self) -> Result<()> {
-        check_format(&self.format, FORMAT)?;
+        if self.format != JOINT_FORMAT {
+            check_format(&self.format, FORMAT)?;
+            if !(self.joints.is_empty() && self.motors.is_empty()) {
+                return Err(Error::input(
+                    "format",
+                    FORMAT,
+                    format!("{JOINT_FORMAT} for a scene with joints"),
+                ));
+            }
+        }
         check_vector("gravity", self.gravity, 1e4)?;
         check_text_length("name", &self.name)?;
         self.check_lists()?;
@@ -59,7 +68,10 @@ impl Scene {
         if let Some(space) = &self.action {
             placement::validate(space, self).map_err(|e| e.in_field("action"))?;
         }
-        self.validate_apart()?;
+        self.validate_joints()?;
+        if self.joints.is_empty() {
+            self.validate_apart()?;
+        }
         timeline::schedule(self).map(drop)
     }
 

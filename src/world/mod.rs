@@ -20,6 +20,7 @@ pub mod goal;
 mod intervene;
 mod lanes;
 pub mod latent;
+pub mod mechanism;
 mod observe;
 pub mod parameter_space;
 mod partition;

@@ -13,6 +13,7 @@ mod fuzz_scene;
 mod goals;
 mod gpu;
 mod lanes;
+mod mechanism;
 mod polygons;
 mod properties;
 mod settled;

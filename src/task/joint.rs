@@ -1,0 +1,179 @@
+//! Joints between bodies and motors on joints (`iplw.scene/2`).
+//!
+//! A joint's position is 0 in the scene's configuration. Revolute joints have rad, N m and rad/s; prismatic joints m, N
+//! and m/s in their places.
+
+use std::collections::HashSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::limits::{MAX_LENGTH_M, check_name_length, check_vector};
+use super::scene::{EffectTerm, Scene};
+use crate::error::{Error, Result, check_range};
+use crate::names::names;
+
+/// Maximum number of joints of a scene.
+pub const MAX_JOINTS: usize = 8;
+/// Largest torque or force, gain and initial velocity.
+const MAX_TORQUE: f64 = 1e6;
+const MAX_GAIN: f64 = 1e6;
+const MAX_VELOCITY: f64 = 1e3;
+
+/// A joint by which a body hangs on another body or on the world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Joint {
+    /// Unique among joints.
+    pub name: String,
+    pub kind: JointKind,
+    /// The body that it moves.
+    pub body: String,
+    /// The body that it hangs on; the world if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parent: Option<String>,
+    /// Position of the joint in the scene's configuration, m.
+    pub anchor: [f64; 2],
+    /// Direction of a prismatic joint in the scene's configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<[f64; 2]>,
+    /// Initial position and velocity.
+    #[serde(default)]
+    pub position: f64,
+    #[serde(default)]
+    pub velocity: f64,
+    /// Effects in this joint; `iplw effects --joints` lists all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectTerm>,
+}
+
+/// The motion that a joint allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JointKind {
+    /// Rotation about the anchor.
+    Revolute,
+    /// Translation along the axis.
+    Prismatic,
+}
+
+names!(JointKind: Revolute = "revolute", Prismatic = "prismatic");
+
+/// A motor on a joint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    pub joint: String,
+    pub control: Control,
+    /// Torque per rad of position error (N m/rad): of position control.
+    #[serde(default)]
+    pub stiffness: f64,
+    /// Torque per rad/s of velocity error (N m s/rad): of velocity control, and damping of position control.
+    #[serde(default)]
+    pub damping: f64,
+    /// Largest torque, N m.
+    #[serde(default = "default_max_torque")]
+    pub max_torque: f64,
+}
+
+/// The quantity that a motor's command sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Control {
+    Torque,
+    Velocity,
+    Position,
+}
+
+names!(Control: Torque = "torque", Velocity = "velocity", Position = "position");
+
+fn default_max_torque() -> f64 {
+    MAX_TORQUE
+}
+
+impl Scene {
+    /// Checks joints and motors: names that exist, every body on one joint, and no cycle.
+    pub(super) fn validate_joints(&self) -> Result<()> {
+        if self.joints.len() > MAX_JOINTS {
+            let allowed = format!("at most {MAX_JOINTS} joints");
+            return Err(Error::input("joints", format!("{} joints", self.joints.len()), allowed));
+        }
+        let (mut names, mut moved) = (HashSet::new(), HashSet::new());
+        for (i, joint) in self.joints.iter().enumerate() {
+            let in_joint = |e: Error| e.in_field(&format!("joints[{i}]"));
+            joint.validate().map_err(in_joint)?;
+            if !names.insert(&joint.name) {
+                return Err(in_joint(Error::input("name", &joint.name, "a name that no other joint has")));
+            }
+            for (field, name) in [("body", Some(&joint.body)), ("parent", joint.parent.as_ref())] {
+                let Some(name) = name else { continue };
+                let body = self
+                    .body(name)
+                    .ok_or_else(|| in_joint(Error::input(field, name, "a body of the scene")))?;
+                if body.position.is_none() {
+                    return Err(in_joint(Error::input(field, name, "a body with a `position`")));
+                }
+            }
+            if !moved.insert(&joint.body) {
+                let allowed = "a body that no other joint moves: closed chains are not supported";
+                return Err(in_joint(Error::input("body", &joint.body, allowed)));
+            }
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            let parent_of = |body: &String| self.joints.iter().find(|j| j.body == *body)?.parent.as_ref();
+            let ancestors = std::iter::successors(joint.parent.as_ref(), |body| parent_of(body));
+            if ancestors.take(self.joints.len() + 1).any(|body| *body == joint.body) {
+                let allowed = "a body that does not hang on this one";
+                return Err(Error::input(format!("joints[{i}].parent"), joint.body.as_str(), allowed));
+            }
+        }
+        self.motors.iter().enumerate().try_for_each(|(i, motor)| {
+            let in_motor = |e: Error| e.in_field(&format!("motors[{i}]"));
+            motor.validate().map_err(in_motor)?;
+            let twice = self.motors[..i].iter().any(|other| other.joint == motor.joint);
+            match names.contains(&motor.joint) && !twice {
+                true => Ok(()),
+                false => Err(in_motor(Error::input(
+                    "joint",
+                    motor.joint.as_str(),
+                    "a joint of the scene without another motor",
+                ))),
+            }
+        })
+    }
+}
+
+impl Joint {
+    fn validate(&self) -> Result<()> {
+        check_name_length("name", &self.name)?;
+        check_vector("anchor", self.anchor, MAX_LENGTH_M)?;
+        check_range("position", self.position, -MAX_LENGTH_M, MAX_LENGTH_M)?;
+        check_range("velocity", self.velocity, -MAX_VELOCITY, MAX_VELOCITY)?;
+        match (self.kind, self.axis) {
+            (JointKind::Prismatic, Some([x, y])) if x.hypot(y) > 1e-9 && x.hypot(y).is_finite() => Ok(()),
+            (JointKind::Revolute, None) => Ok(()),
+            (JointKind::Prismatic, axis) => Err(Error::input(
+                "axis",
+                format!("{axis:?}"),
+                "the direction of the prismatic joint, not zero",
+            )),
+            (JointKind::Revolute, _) => Err(Error::input("axis", "given", "absent for a revolute joint")),
+        }
+    }
+}
+
+impl Motor {
+    fn validate(&self) -> Result<()> {
+        check_range("stiffness", self.stiffness, 0.0, MAX_GAIN)?;
+        check_range("damping", self.damping, 0.0, MAX_GAIN)?;
+        check_range("max_torque", self.max_torque, 0.0, MAX_TORQUE)?;
+        let (field, needed) = match self.control {
+            Control::Torque => return Ok(()),
+            Control::Velocity => ("damping", self.damping),
+            Control::Position => ("stiffness", self.stiffness),
+        };
+        match needed > 0.0 {
+            true => Ok(()),
+            false => Err(Error::input(field, needed, format!("above 0 for {} control", self.control.name()))),
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Up to eight rollouts of a mechanism, one per lane.
+//!
+//! The classical Runge-Kutta method with a fixed step; a motor's command in a step is its mean over the step. Observations
+//! between steps are interpolated by cubic Hermite polynomials, which have the method's order.
+
+#![allow(unsafe_code, reason = "calls code compiled for SIMD features that were detected on this machine")]
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{__m256d, __m512d};
+
+use super::super::lanes::SimdLevel;
+use super::super::lanes::simd::{Register, V, Wide};
+use super::dynamics::{IDLE_LINK, JointValues, LinkLanes, NONE, TreeLanes, accelerations};
+use super::effect::{DriveLaw, JointLanes, JointLaw, LawValues, MAX_PARAMETERS, TorqueLaw};
+use super::rollout::{JointMotion, JointRollout};
+use crate::task::joint::Control;
+use crate::world::effect::LANES;
+
+/// Laws of one joint.
+struct JointLaws {
+    torques: Vec<(&'static dyn TorqueLaw, LawValues)>,
+    drives: Vec<(&'static dyn DriveLaw, LawValues)>,
+}
+
+/// The state of a batch.
+struct Batch<'a> {
+    rollouts: &'a [JointRollout<'a>],
+    tree: TreeLanes,
+    laws: Vec<JointLaws>,
+    /// By joint.
+    position: Vec<V>,
+    velocity: Vec<V>,
+    /// Command of each joint in the step.
+    commands: Vec<V>,
+    /// Whether a lane has a torque field.
+    has_field: bool,
+    time_step: f64,
+}
+
+/// Simulates up to [`LANES`] rollouts.
+pub fn run(rollouts: &[JointRollout]) -> Vec<JointMotion> {
+    let mut batch = Batch::new(rollouts);
+    let joints = batch.tree.links.len();
+    let mut observers: Vec<Observer> =
+        rollouts.iter().map(|rollout| Observer::new(rollout, joints)).collect();
+    let mut step = 0u32;
+    while observers.iter().any(|observer| !observer.is_done()) {
+        let before = (batch.position.clone(), batch.velocity.clone());
+        batch.set_commands(step);
+        batch.step();
+        step += 1;
+        for (lane, observer) in observers.iter_mut().enumerate() {
+            observer.observe(lane, step, &batch, &before);
+        }
+    }
+    observers.into_iter().map(|observer| observer.motion).collect()
+}
+
+impl<'a> Batch<'a> {
+    fn new(rollouts: &'a [JointRollout<'a>]) -> Batch<'a> {
+        let tree = rollouts[0].tree;
+        let joints = tree.links.len();
+        let mut links = vec![LinkLanes::default(); joints];
+        (0..LANES).for_each(|lane| links.iter_mut().for_each(|link| link.set(lane, &IDLE_LINK)));
+        let mut lanes =
+            TreeLanes { kinds: tree.kinds.clone(), parents: tree.parents.clone(), links, gravity: [NONE; 2] };
+        let (mut position, mut velocity) = (vec![NONE; joints], vec![NONE; joints]);
+        for (lane, rollout) in rollouts.iter().enumerate() {
+            let (links, gravity) = rollout.physics();
+            lanes.links.iter_mut().zip(&links).for_each(|(to, from)| to.set(lane, from));
+            (lanes.gravity[0][lane], lanes.gravity[1][lane]) = (gravity[0], gravity[1]);
+            for j in 0..joints {
+                (position[j][lane], velocity[j][lane]) = (rollout.position[j], rollout.velocity[j]);
+            }
+        }
+        Batch {
+            rollouts,
+            tree: lanes,
+            laws: (0..joints).map(|joint| JointLaws::of(rollouts, joint)).collect(),
+            position,
+            velocity,
+            commands: vec![NONE; joints],
+            has_field: rollouts.iter().any(|r| r.field.is_some()),
+            time_step: tree.time_step,
+        }
+    }
+
+    /// Sets the mean commands of a step.
+    fn set_commands(&mut self, step: u32) {
+        for (lane, rollout) in self.rollouts.iter().enumerate() {
+            for (joint, command) in self.commands.iter_mut().enumerate() {
+                if rollout.commands.drives(joint) {
+                    let from = rollout.start + f64::from(step) * self.time_step - rollout.delays(joint)[0];
+                    command[lane] = rollout.commands.mean(joint, [from, from + self.time_step]);
+                }
+            }
+        }
+    }
+
+    /// Advances every lane by a step, with the widest instructions of the machine.
+    fn step(&mut self) {
+        match SimdLevel::best() {
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx512 => {
+                #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+                fn step(batch: &mut Batch) {
+                    batch.step_with::<__m512d, 1>();
+                }
+                // SAFETY: the instructions were detected.
+                unsafe { step(self) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx2 => {
+                #[target_feature(enable = "avx2")]
+                fn step(batch: &mut Batch) {
+                    batch.step_with::<__m256d, 2>();
+                }
+                // SAFETY: the instructions were detected.
+                unsafe { step(self) }
+            }
+            _ => self.step_with::<f64, LANES>(),
+        }
+    }
+
+    #[inline(always)]
+    fn step_with<R: Register, const N: usize>(&mut self) {
+        match self.position.len() {
+            1 => self.step_of::<R, N, 1>(),
+            2 => self.step_of::<R, N, 2>(),
+            3 | 4 => self.step_of::<R, N, 4>(),
+            _ => self.step_of::<R, N, 8>(),
+        }
+    }
+
+    #[inline(always)]
+    fn step_of<R: Register, const N: usize, const D: usize>(&mut self) {
+        let n = self.position.len();
+        let (h, half) = (Wide::all(self.time_step), Wide::all(0.5 * self.time_step));
+        let zero: Wide<R, N> = Wide::all(0.0);
+        let (mut q0, mut v0) = ([zero; D], [zero; D]);
+        for j in 0..n {
+            (q0[j], v0[j]) = (Wide::load(&self.position[j]), Wide::load(&self.velocity[j]));
+        }
+        let (mut q, mut v) = (q0, v0);
+        let (mut sum_v, mut sum_a) = ([zero; D], [zero; D]);
+        for stage in 0..4 {
+            let tau = self.torques(&q, &v);
+            let a = accelerations(&self.tree, &q, &v, &tau);
+            let weight = Wide::all(if stage == 0 || stage == 3 { 1.0 } else { 2.0 });
+            let by = if stage == 2 { h } else { half };
+            for j in 0..n {
+                sum_v[j] = sum_v[j] + weight * v[j];
+                sum_a[j] = sum_a[j] + weight * a[j];
+                (q[j], v[j]) = (q0[j] + by * v[j], v0[j] + by * a[j]);
+            }
+        }
+        let sixth = Wide::all(self.time_step / 6.0);
+        for j in 0..n {
+            (q0[j] + sixth * sum_v[j]).store(&mut self.position[j]);
+            (v0[j] + sixth * sum_a[j]).store(&mut self.velocity[j]);
+        }
+    }
+
+    /// Torques of motors, effects and torque fields.
+    #[inline(always)]
+    fn torques<R: Register, const N: usize, const D: usize>(
+        &self,
+        q: &JointValues<R, N, D>,
+        v: &JointValues<R, N, D>,
+    ) -> JointValues<R, N, D> {
+        let mut out = [Wide::all(0.0); D];
+        for j in 0..self.position.len() {
+            let laws = &self.laws[j];
+            let motor = self.rollouts[0].tree.motors[j].as_ref();
+            if motor.is_none() && laws.torques.is_empty() && !self.has_field {
+                continue;
+            }
+            let command: Wide<R, N> = Wide::load(&self.commands[j]);
+            let mut drive = Wide::all(0.0);
+            if let Some(motor) = motor {
+                let (stiffness, damping) = (Wide::all(motor.stiffness), Wide::all(motor.damping));
+                let free = match motor.control {
+                    Control::Torque => command,
+                    Control::Velocity => damping * (command - v[j]),
+                    Control::Position => stiffness * (command - q[j]) - damping * v[j],
+                };
+                drive = free.below(Wide::all(motor.max_torque)).above(Wide::all(-motor.max_torque));
+            }
+            if laws.torques.is_empty() && laws.drives.is_empty() && !self.has_field {
+                out[j] = drive;
+                continue;
+            }
+            let mut joint =
+                JointLanes { max_torque: motor.map_or(0.0, |m| m.max_torque), ..JointLanes::default() };
+            q[j].store(&mut joint.position);
+            v[j].store(&mut joint.velocity);
+            drive.store(&mut joint.drive);
+            out[j] = Wide::load(&self.with_laws(j, joint));
+        }
+        out
+    }
+
+    /// Torque of a joint with its laws and torque fields.
+    fn with_laws(&self, j: usize, mut joint: JointLanes) -> [f64; LANES] {
+        for (law, values) in &self.laws[j].drives {
+            law.change_lanes(values, &mut joint);
+        }
+        let mut total = joint.drive;
+        for (law, values) in &self.laws[j].torques {
+            law.add_lanes(values, &joint, &mut total);
+        }
+        for (lane, rollout) in self.rollouts.iter().enumerate() {
+            if let Some((field, function, coefficient)) = rollout.field
+                && field.functions[function].joint == j
+            {
+                total[lane] += coefficient
+                    * field.at(function, [joint.position[lane], joint.velocity[lane], joint.drive[lane]]);
+            }
+        }
+        total
+    }
+}
+
+impl JointLaws {
+    fn of(rollouts: &[JointRollout], joint: usize) -> JointLaws {
+        let mut out = JointLaws { torques: Vec::new(), drives: Vec::new() };
+        for (k, term) in rollouts[0].terms.iter().enumerate().filter(|(_, term)| term.joint == joint) {
+            let mut values: LawValues = [[0.0; MAX_PARAMETERS]; LANES];
+            for (lane, values) in values.iter_mut().enumerate() {
+                let own = &rollouts.get(lane).unwrap_or(&rollouts[0]).terms[k].values;
+                values[..own.len()].copy_from_slice(own);
+            }
+            match term.effect.law {
+                JointLaw::Torque(law) => out.torques.push((law, values)),
+                JointLaw::Drive(law) => out.drives.push((law, values)),
+                _ => {}
+            }
+        }
+        out
+    }
+}
+
+/// Records the observations of a rollout.
+struct Observer<'a> {
+    rollout: &'a JointRollout<'a>,
+    /// By joint: index of the next observation.
+    next: Vec<usize>,
+    motion: JointMotion,
+}
+
+impl<'a> Observer<'a> {
+    fn new(rollout: &'a JointRollout<'a>, joints: usize) -> Observer<'a> {
+        let empty = || vec![vec![f64::NAN; joints]; rollout.times.len()];
+        let motion = JointMotion { positions: empty(), velocities: empty(), commands: empty() };
+        Observer { rollout, next: vec![0; joints], motion }
+    }
+
+    fn is_done(&self) -> bool {
+        self.next.iter().all(|next| *next == self.rollout.times.len())
+    }
+
+    /// Records the observations up to the end of a step.
+    fn observe(&mut self, lane: usize, step: u32, batch: &Batch, before: &(Vec<V>, Vec<V>)) {
+        let h = batch.time_step;
+        let from = self.rollout.start + f64::from(step - 1) * h;
+        // A thousandth of a step: times are rounded.
+        let end = from + 1.001 * h;
+        for j in 0..self.next.len() {
+            let lag = self.rollout.delays(j)[1];
+            while let Some(time) = self.rollout.times.get(self.next[j]).filter(|time| **time - lag <= end) {
+                // Before the start a position continues at the initial velocity.
+                let s = (time - lag - from) / h;
+                let [p0, v0, p1, v1] =
+                    [before.0[j], before.1[j], batch.position[j], batch.velocity[j]].map(|v| v[lane]);
+                let (position, velocity) = match s < 0.0 {
+                    true => (p0 + s * h * v0, v0),
+                    false => hermite([p0, v0 * h, p1, v1 * h], s, h),
+                };
+                let k = self.next[j];
+                self.motion.positions[k][j] = self.rollout.measured(j, position);
+                self.motion.velocities[k][j] = velocity;
+                self.motion.commands[k][j] = batch.commands[j][lane];
+                self.next[j] += 1;
+            }
+        }
+    }
+}
+
+/// Value and derivative of the cubic polynomial with these values and slopes (over a step of length `h`) at both ends.
+fn hermite([p0, m0, p1, m1]: [f64; 4], s: f64, h: f64) -> (f64, f64) {
+    let (a, b) = (2.0 * (p0 - p1) + m0 + m1, 3.0 * (p1 - p0) - 2.0 * m0 - m1);
+    (p0 + s * (m0 + s * (b + s * a)), (m0 + s * (2.0 * b + s * 3.0 * a)) / h)
+}

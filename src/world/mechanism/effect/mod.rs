@@ -1,0 +1,255 @@
+//! Effects in joints: one file each, listed in [`REGISTRY`].
+//!
+//! A file declares the law, its parameters with units, bounds and plausible sizes, and how it shows in recordings.
+
+mod base_tilt;
+mod centre_shift;
+mod cogging;
+mod command_delay;
+mod coulomb_friction;
+mod encoder_lag;
+mod encoder_offset;
+mod encoder_scale;
+mod inertia_factor;
+mod link_length;
+mod motor_gain;
+mod payload;
+mod stribeck_friction;
+mod torque_offset;
+mod torque_saturation;
+mod viscous_friction;
+
+use super::tree::Link;
+use crate::error::{Error, Result, check_range};
+use crate::task::joint::JointKind;
+use crate::task::scene::EffectTerm;
+use crate::world::effect::LANES;
+
+/// Every effect in joints.
+pub static REGISTRY: &[&JointEffect] = &[
+    &viscous_friction::EFFECT,
+    &coulomb_friction::EFFECT,
+    &stribeck_friction::EFFECT,
+    &torque_offset::EFFECT,
+    &cogging::EFFECT,
+    &motor_gain::EFFECT,
+    &torque_saturation::EFFECT,
+    &command_delay::EFFECT,
+    &payload::EFFECT,
+    &link_length::EFFECT,
+    &centre_shift::EFFECT,
+    &inertia_factor::EFFECT,
+    &base_tilt::EFFECT,
+    &encoder_scale::EFFECT,
+    &encoder_offset::EFFECT,
+    &encoder_lag::EFFECT,
+];
+
+/// Maximum number of parameters of an effect.
+pub const MAX_PARAMETERS: usize = 3;
+
+/// An effect in a joint.
+pub struct JointEffect {
+    /// Name in scenes and reports.
+    pub name: &'static str,
+    /// Description in one sentence.
+    pub summary: &'static str,
+    /// How it shows in recordings, and how it differs from similar effects.
+    pub signature: &'static str,
+    pub equation: &'static str,
+    pub parameters: &'static [JointParameter],
+    pub law: JointLaw,
+    /// Joints that can have it.
+    pub applies_to: Applicability,
+}
+
+/// Joints that can have an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Applicability {
+    Every,
+    Revolute,
+    /// With a motor.
+    Driven,
+    /// On the world, of a scene with gravity.
+    Base,
+}
+
+/// A parameter of an effect.
+pub struct JointParameter {
+    pub name: &'static str,
+    /// SI unit for a revolute joint.
+    pub unit: &'static str,
+    /// Allowed values, inclusive.
+    pub bounds: [f64; 2],
+    /// Value at which the effect vanishes.
+    pub neutral: f64,
+    /// Prior standard deviation about the neutral value, in units of `scale`.
+    pub plausible: f64,
+    pub scale: JointScale,
+    /// Starting values for the search, in units of `scale` from the neutral value.
+    pub starts: &'static [f64],
+}
+
+/// The unit of a parameter's plausible size, from the mechanism and the recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointScale {
+    /// One.
+    Absolute,
+    /// Typical torque in the joint.
+    Torque,
+    /// Typical torque over typical velocity.
+    TorquePerVelocity,
+    /// Typical velocity.
+    Velocity,
+    /// Mass of the link.
+    Mass,
+    /// Length of the link.
+    Length,
+}
+
+/// The law of an effect, by kind; values are those of its parameters.
+#[derive(Clone, Copy)]
+pub enum JointLaw {
+    /// Torque on the joint.
+    Torque(&'static dyn TorqueLaw),
+    /// Change of the motor's torque.
+    Drive(&'static dyn DriveLaw),
+    /// Change of the links: values, index of the joint, parents of all links, links.
+    Links(fn(&[f64], usize, &[Option<usize>], &mut [Link])),
+    /// Change of gravity.
+    Gravity(fn(&[f64], [f64; 2]) -> [f64; 2]),
+    /// Delay of commands by the first value, s.
+    CommandDelay,
+    /// Measured position for the actual one.
+    Encoder(fn(&[f64], f64) -> f64),
+    /// Age of measured positions: the first value, s.
+    EncoderLag,
+}
+
+/// The state of a joint as available to laws.
+#[derive(Clone, Copy, Debug)]
+pub struct JointState {
+    /// rad
+    pub position: f64,
+    /// rad/s
+    pub velocity: f64,
+    /// Torque of the motor, N m, and its stated limit.
+    pub drive: f64,
+    pub max_torque: f64,
+}
+
+/// A law of torque.
+pub trait TorqueLaw: Sync {
+    /// Torque on the joint, N m.
+    fn torque(&self, values: &[f64; MAX_PARAMETERS], joint: JointState) -> f64;
+
+    /// Adds the torque in every lane.
+    fn add_lanes(&self, values: &LawValues, joints: &JointLanes, total: &mut [f64; LANES]) {
+        for (lane, total) in total.iter_mut().enumerate() {
+            *total += self.torque(&values[lane], joints.in_lane(lane));
+        }
+    }
+}
+
+/// A law of the motor.
+pub trait DriveLaw: Sync {
+    /// The motor's torque, N m.
+    fn drive(&self, values: &[f64; MAX_PARAMETERS], joint: JointState) -> f64;
+
+    /// Replaces the motor's torque in every lane.
+    fn change_lanes(&self, values: &LawValues, joints: &mut JointLanes) {
+        for (lane, values) in values.iter().enumerate() {
+            joints.drive[lane] = self.drive(values, joints.in_lane(lane));
+        }
+    }
+}
+
+/// Values of a law's parameters in every lane.
+pub type LawValues = [[f64; MAX_PARAMETERS]; LANES];
+
+/// [`JointState`] in every lane; the stated limit is the same in all.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct JointLanes {
+    pub position: [f64; LANES],
+    pub velocity: [f64; LANES],
+    pub drive: [f64; LANES],
+    pub max_torque: f64,
+}
+
+impl JointLanes {
+    /// The state in a lane.
+    #[inline]
+    fn in_lane(&self, lane: usize) -> JointState {
+        JointState {
+            position: self.position[lane],
+            velocity: self.velocity[lane],
+            drive: self.drive[lane],
+            max_torque: self.max_torque,
+        }
+    }
+}
+
+/// An effect in a joint, with values.
+#[derive(Clone)]
+pub struct JointTerm {
+    pub effect: &'static JointEffect,
+    /// Index of the joint.
+    pub joint: usize,
+    pub values: Vec<f64>,
+}
+
+impl JointEffect {
+    /// Whether a joint can have it.
+    pub fn fits(&self, kind: JointKind, is_driven: bool, on_world: bool, has_gravity: bool) -> bool {
+        match self.applies_to {
+            Applicability::Every => true,
+            Applicability::Revolute => kind == JointKind::Revolute,
+            Applicability::Driven => is_driven,
+            Applicability::Base => on_world && has_gravity,
+        }
+    }
+
+    /// The term with neutral values.
+    pub fn neutral(&'static self, joint: usize) -> JointTerm {
+        JointTerm { effect: self, joint, values: self.parameters.iter().map(|p| p.neutral).collect() }
+    }
+}
+
+/// The effect named `name`.
+pub fn find(name: &str) -> Result<&'static JointEffect> {
+    let found = REGISTRY.iter().copied().find(|e| e.name == name);
+    found.ok_or_else(|| Error::not_found("effect in joints", name, REGISTRY.iter().map(|e| e.name)))
+}
+
+/// The term of a joint's effect in a scene; `place` prefixes the field of an error.
+pub fn resolve(term: &EffectTerm, joint: usize, place: &str) -> Result<JointTerm> {
+    let effect = find(&term.name).map_err(|e| e.unknown_in(&format!("{place}.name")))?;
+    if let Some(unknown) =
+        term.parameters.keys().find(|key| !effect.parameters.iter().any(|p| p.name == **key))
+    {
+        let known = effect.parameters.iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
+        let field = format!("{place}.parameters.{unknown}");
+        return Err(Error::input(field, "unknown", format!("parameters of {}: {known}", effect.name)));
+    }
+    let value = |p: &JointParameter| {
+        let value = term.parameters.get(p.name).copied().unwrap_or(p.neutral);
+        check_range(&format!("{place}.parameters.{}", p.name), value, p.bounds[0], p.bounds[1])
+    };
+    Ok(JointTerm { effect, joint, values: effect.parameters.iter().map(value).collect::<Result<_>>()? })
+}
+
+/// A parameter that is neutral at 0 and searched from there.
+const fn parameter(
+    name: &'static str,
+    unit: &'static str,
+    bounds: [f64; 2],
+    plausible: f64,
+    scale: JointScale,
+) -> JointParameter {
+    JointParameter { name, unit, bounds, neutral: 0.0, plausible, scale, starts: &[0.0] }
+}
+
+/// A factor that is neutral at 1.
+const fn factor(bounds: [f64; 2], plausible: f64) -> JointParameter {
+    JointParameter { neutral: 1.0, ..parameter("s", "1", bounds, plausible, JointScale::Absolute) }
+}

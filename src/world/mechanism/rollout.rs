@@ -1,0 +1,91 @@
+//! Rollouts of mechanisms.
+
+use rayon::prelude::*;
+
+use super::batch;
+use super::command::Commands;
+use super::effect::{JointLaw, JointTerm, resolve};
+use super::torque_field::TorqueField;
+use super::tree::{Link, Tree};
+use crate::error::{Error, Result};
+use crate::task::Scene;
+use crate::world::effect::LANES;
+
+/// A rollout: a tree with effects, an initial state and commands.
+#[derive(Clone)]
+pub struct JointRollout<'a> {
+    pub tree: &'a Tree,
+    pub terms: Vec<JointTerm>,
+    /// Initial positions and velocities of the joints, at `start`, s.
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub start: f64,
+    pub commands: &'a Commands,
+    /// Times at which the joints are observed, s: ascending, none before `start`.
+    pub times: &'a [f64],
+    /// A function of a torque field with its coefficient, N m.
+    pub field: Option<(&'a TorqueField, usize, f64)>,
+}
+
+/// Motion of the joints: by observed time, one number per joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointMotion {
+    /// As measured: with effects of the encoder.
+    pub positions: Vec<Vec<f64>>,
+    /// Actual velocities.
+    pub velocities: Vec<Vec<f64>>,
+    /// Commands that act at that time.
+    pub commands: Vec<Vec<f64>>,
+}
+
+/// Simulates rollouts in parallel: the same bits on any number of threads and in any batch. All rollouts have trees of the same
+/// structure, and terms of the same effects in the same joints.
+pub fn simulate(rollouts: &[JointRollout]) -> Vec<JointMotion> {
+    rollouts.par_chunks(LANES).flat_map_iter(batch::run).collect()
+}
+
+impl JointRollout<'_> {
+    /// Links and gravity with the effects.
+    pub(super) fn physics(&self) -> (Vec<Link>, [f64; 2]) {
+        let (mut links, mut gravity) = (self.tree.links.clone(), self.tree.gravity);
+        for term in &self.terms {
+            match term.effect.law {
+                JointLaw::Links(change) => change(&term.values, term.joint, &self.tree.parents, &mut links),
+                JointLaw::Gravity(change) => gravity = change(&term.values, gravity),
+                _ => {}
+            }
+        }
+        (links, gravity)
+    }
+
+    /// Delay of a joint's commands and age of its measured positions, s.
+    pub(super) fn delays(&self, joint: usize) -> [f64; 2] {
+        let of = |wanted: fn(&JointLaw) -> bool| {
+            let own = self.terms.iter().filter(|t| t.joint == joint && wanted(&t.effect.law));
+            own.map(|t| t.values[0]).sum::<f64>()
+        };
+        [of(|law| matches!(law, JointLaw::CommandDelay)), of(|law| matches!(law, JointLaw::EncoderLag))]
+    }
+
+    /// Measured position for the actual one of a joint.
+    pub(super) fn measured(&self, joint: usize, position: f64) -> f64 {
+        let own = self.terms.iter().filter(|t| t.joint == joint);
+        own.fold(position, |q, term| match term.effect.law {
+            JointLaw::Encoder(measure) => measure(&term.values, q),
+            _ => q,
+        })
+    }
+}
+
+/// The effects that a scene declares in its joints.
+pub fn scene_terms(scene: &Scene, tree: &Tree) -> Result<Vec<JointTerm>> {
+    let mut all = Vec::new();
+    for (i, joint) in scene.joints.iter().enumerate() {
+        let index =
+            tree.joint(&joint.name).ok_or_else(|| Error::Failed(format!("no joint {}", joint.name)))?;
+        for (k, term) in joint.effects.iter().enumerate() {
+            all.push(resolve(term, index, &format!("joints[{i}].effects[{k}]"))?);
+        }
+    }
+    Ok(all)
+}

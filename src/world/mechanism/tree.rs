@@ -1,0 +1,116 @@
+//! A scene's joints as a tree of links.
+
+use crate::error::{Error, Result};
+use crate::task::Scene;
+use crate::task::joint::{Joint, JointKind, Motor};
+
+/// A tree of links, parents first. All frames have the world's directions in the scene's configuration.
+#[derive(Clone, Debug)]
+pub struct Tree {
+    /// Names of the joints.
+    pub names: Vec<String>,
+    pub kinds: Vec<JointKind>,
+    /// Index of the link that each hangs on; the world if `None`.
+    pub parents: Vec<Option<usize>>,
+    pub links: Vec<Link>,
+    pub motors: Vec<Option<Motor>>,
+    /// m/s^2
+    pub gravity: [f64; 2],
+    /// s
+    pub time_step: f64,
+    /// Initial positions and velocities of the joints.
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+}
+
+/// Geometry and inertia of a link. Its frame has its origin in its joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    /// Joint in the parent's frame at position 0, m.
+    pub offset: [f64; 2],
+    /// Direction of a prismatic joint in the parent's frame; 0 for a revolute joint.
+    pub axis: [f64; 2],
+    /// Centre of mass and the point that is farthest from the joint, m.
+    pub centre: [f64; 2],
+    pub tip: [f64; 2],
+    /// kg
+    pub mass: f64,
+    /// About the centre of mass, kg m^2.
+    pub inertia: f64,
+}
+
+impl Tree {
+    /// The tree of a valid scene; an error if a body hangs on no joint, or if there are statics.
+    pub fn of(scene: &Scene) -> Result<Tree> {
+        if let Some(free) = scene.bodies.iter().position(|b| !scene.joints.iter().any(|j| j.body == b.name)) {
+            let value = format!("{:?} hangs on no joint", scene.bodies[free].name);
+            return Err(Error::input(format!("bodies[{free}]"), value, "bodies that hang on joints"));
+        }
+        if !scene.statics.is_empty() {
+            let allowed = "no statics: mechanisms are simulated without contacts";
+            return Err(Error::input("statics", format!("{} statics", scene.statics.len()), allowed));
+        }
+        let ordered = parents_first(&scene.joints);
+        let index = |body: &String| ordered.iter().position(|j| j.body == *body);
+        let anchor = |parent: Option<usize>| parent.map_or([0.0; 2], |p| ordered[p].anchor);
+        let parents: Vec<Option<usize>> = ordered.iter().map(|j| j.parent.as_ref().and_then(index)).collect();
+        let links = ordered.iter().zip(&parents).map(|(joint, parent)| link(scene, joint, anchor(*parent)));
+        Ok(Tree {
+            links: links.collect::<Result<Vec<Link>>>()?,
+            names: ordered.iter().map(|j| j.name.clone()).collect(),
+            kinds: ordered.iter().map(|j| j.kind).collect(),
+            motors: ordered
+                .iter()
+                .map(|j| scene.motors.iter().find(|m| m.joint == j.name).cloned())
+                .collect(),
+            parents,
+            gravity: scene.gravity,
+            time_step: scene.time_step,
+            position: ordered.iter().map(|j| j.position).collect(),
+            velocity: ordered.iter().map(|j| j.velocity).collect(),
+        })
+    }
+
+    /// Index of the joint named `name`.
+    pub fn joint(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
+    }
+}
+
+/// The joints, each after the joint of its parent.
+fn parents_first(joints: &[Joint]) -> Vec<&Joint> {
+    let mut ordered: Vec<&Joint> = Vec::new();
+    while ordered.len() < joints.len() {
+        let known =
+            |joint: &&Joint| joint.parent.as_ref().is_none_or(|p| ordered.iter().any(|j| j.body == *p));
+        let next = joints.iter().filter(|j| !ordered.iter().any(|o| o.name == j.name)).find(known);
+        // A parent without a joint is reported by `Tree::of`; validation has excluded cycles.
+        let Some(next) = next else { break };
+        ordered.push(next);
+    }
+    ordered
+}
+
+/// The link of a joint; `parent`: anchor of its parent's joint, m.
+fn link(scene: &Scene, joint: &Joint, parent: [f64; 2]) -> Result<Link> {
+    let missing = || Error::input("joints", joint.body.as_str(), "bodies with a position");
+    let body = scene.body(&joint.body).ok_or_else(missing)?;
+    let (mass, inertia) = body.mass_properties(None);
+    let solid = body.placed().ok_or_else(missing)?;
+    let from_joint = |[x, y]: [f64; 2]| [x - joint.anchor[0], y - joint.anchor[1]];
+    let position = body.position.ok_or_else(missing)?;
+    let [cx, cy] = body.shape.moments().centre;
+    let (sin, cos) = libm::sincos(body.angle);
+    let centre = from_joint([position[0] + cos * cx - sin * cy, position[1] + sin * cx + cos * cy]);
+    let corners = solid.0.iter().flat_map(|piece| &piece.points).map(|p| from_joint(*p));
+    let tip = corners.max_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1]))).unwrap_or(centre);
+    let unit = |[x, y]: [f64; 2]| [x / x.hypot(y), y / x.hypot(y)];
+    Ok(Link {
+        offset: [joint.anchor[0] - parent[0], joint.anchor[1] - parent[1]],
+        axis: joint.axis.map_or([0.0; 2], unit),
+        centre,
+        tip,
+        mass,
+        inertia,
+    })
+}
