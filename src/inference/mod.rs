@@ -32,6 +32,7 @@ mod field;
 mod fit_quality;
 mod global_search;
 mod kernels;
+pub mod mechanism;
 pub mod memory;
 mod mixed_model;
 mod model;

@@ -162,6 +162,16 @@ impl Joint {
 }
 
 impl Motor {
+    /// Torque for a command at a position and velocity, within the limit, N m.
+    pub fn torque(&self, command: f64, position: f64, velocity: f64) -> f64 {
+        let free = match self.control {
+            Control::Torque => command,
+            Control::Velocity => self.damping * (command - velocity),
+            Control::Position => self.stiffness * (command - position) - self.damping * velocity,
+        };
+        free.clamp(-self.max_torque, self.max_torque)
+    }
+
     fn validate(&self) -> Result<()> {
         check_range("stiffness", self.stiffness, 0.0, MAX_GAIN)?;
         check_range("damping", self.damping, 0.0, MAX_GAIN)?;

@@ -5,7 +5,7 @@
 
 pub mod action;
 pub mod ball;
-mod body;
+pub(crate) mod body;
 pub mod complexity;
 pub mod constants;
 mod contact_rules;

@@ -118,6 +118,21 @@ fn components(
     Ok(best.map(|(_, components)| components))
 }
 
+/// Maximum of the log marginal likelihood of a model by its variance components, and the components. `broad`: scale of the shared
+/// discrepancy whose columns the groups have after those of the parameters; `discrepancy`: plausible trial discrepancy, in units
+/// of the noise.
+pub fn maximise_components(
+    groups: &[Group],
+    prior: &FixedEffectsPrior,
+    broad: f64,
+    discrepancy: f64,
+    progress: &dyn Progress,
+) -> Result<(f64, VarianceComponents)> {
+    let scales = ComponentScales { discrepancy };
+    let (start, cross_products) = (scales.start(), HashMap::new());
+    ComponentObjective { groups, prior, broad, start, scales, cross_products, progress }.maximise()
+}
+
 /// Plausible sizes of variance components: standard deviations of half-normal priors.
 #[derive(Clone, Copy)]
 struct ComponentScales {

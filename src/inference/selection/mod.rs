@@ -18,7 +18,7 @@ pub mod search;
 mod settings;
 pub mod start_grid;
 
-pub use context::context;
+pub use context::{context, maximise_components};
 pub use decide::{Decision, decide};
 pub use discrepancy::{SharedDiscrepancy, rms_beyond_gravity};
 pub use laplace::{Laplace, at_scale, damped_step, marginal_evidence, profile_log_posterior};

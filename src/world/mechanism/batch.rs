@@ -210,11 +210,11 @@ impl<'a> Batch<'a> {
             law.add_lanes(values, &joint, &mut total);
         }
         for (lane, rollout) in self.rollouts.iter().enumerate() {
-            if let Some((field, function, coefficient)) = rollout.field
-                && field.functions[function].joint == j
+            let Some((field, coefficients)) = &rollout.field else { continue };
+            let state = [joint.position[lane], joint.velocity[lane], joint.drive[lane]];
+            for (function, coefficient) in coefficients.iter().filter(|(k, _)| field.functions[*k].joint == j)
             {
-                total[lane] += coefficient
-                    * field.at(function, [joint.position[lane], joint.velocity[lane], joint.drive[lane]]);
+                total[lane] += coefficient * field.at(*function, state);
             }
         }
         total

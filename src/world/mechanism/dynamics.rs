@@ -4,10 +4,12 @@
 //! planar inertia is (m, m c, J), J about the origin of the world; a joint's motion is the angular velocity and the velocity
 //! of the body's point at the origin.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::super::lanes::simd::{Register, V, Wide};
 use super::super::lanes::sincos::sincos;
-use super::tree::Link;
-use crate::task::joint::JointKind;
+use super::tree::{Link, Tree};
+use crate::task::joint::{JointKind, MAX_JOINTS};
 use crate::world::effect::LANES;
 
 /// A tree with the links of one rollout per lane.
@@ -240,3 +242,50 @@ pub const IDLE_LINK: Link =
 
 /// Zeros in all lanes.
 pub const NONE: V = V([0.0; LANES]);
+
+/// Torques of a tree at a state: what the accelerations need, and what gravity needs at rest. Numbers by joint.
+pub struct RequiredTorques {
+    pub total: Vec<f64>,
+    pub gravity: Vec<f64>,
+}
+
+/// Inverse dynamics by the accelerations under unit torques.
+pub fn required_torques(tree: &Tree, q: &[f64], v: &[f64], a: &[f64]) -> Option<RequiredTorques> {
+    let n = tree.links.len();
+    let at = |v: &[f64], tau: &[f64]| -> Vec<f64> {
+        let mut lanes = TreeLanes {
+            kinds: tree.kinds.clone(),
+            parents: tree.parents.clone(),
+            links: vec![LinkLanes::default(); n],
+            gravity: tree.gravity.map(V::all),
+        };
+        for lane in 0..LANES {
+            lanes.links.iter_mut().zip(&tree.links).for_each(|(to, from)| to.set(lane, from));
+        }
+        let all = |values: &[f64]| -> JointValues<f64, LANES, MAX_JOINTS> {
+            std::array::from_fn(|j| Wide::all(values.get(j).copied().unwrap_or(0.0)))
+        };
+        let accelerations = accelerations(&lanes, &all(q), &all(v), &all(tau));
+        (0..n)
+            .map(|j| {
+                let mut out = [0.0; LANES];
+                accelerations[j].store(&mut out);
+                out[0]
+            })
+            .collect()
+    };
+    let (none, still) = (vec![0.0; n], vec![0.0; n]);
+    let (free, hanging) = (at(v, &none), at(&still, &none));
+    let column = |j: usize| {
+        let mut unit = none.clone();
+        unit[j] = 1.0;
+        at(&still, &unit)
+    };
+    let columns: Vec<Vec<f64>> = (0..n).map(column).collect();
+    let mobility = DMatrix::from_fn(n, n, |i, j| columns[j][i] - hanging[i]).lu();
+    let solve = |right: Vec<f64>| Some(mobility.solve(&DVector::from_vec(right))?.as_slice().to_vec());
+    Some(RequiredTorques {
+        total: solve((0..n).map(|j| a[j] - free[j]).collect())?,
+        gravity: solve(hanging.iter().map(|a| -a).collect())?,
+    })
+}

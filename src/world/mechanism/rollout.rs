@@ -23,8 +23,8 @@ pub struct JointRollout<'a> {
     pub commands: &'a Commands,
     /// Times at which the joints are observed, s: ascending, none before `start`.
     pub times: &'a [f64],
-    /// A function of a torque field with its coefficient, N m.
-    pub field: Option<(&'a TorqueField, usize, f64)>,
+    /// A torque field with the coefficients of some of its functions, N m.
+    pub field: Option<(&'a TorqueField, Vec<(usize, f64)>)>,
 }
 
 /// Motion of the joints: by observed time, one number per joint.

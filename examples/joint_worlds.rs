@@ -1,0 +1,129 @@
+//! Hides one effect in the joints of generated mechanisms and diagnoses their recordings: a table of what was hidden and named.
+//!
+//!     cargo run --release --example joint_worlds -- [worlds] [first seed] [mechanism]
+
+use std::time::Instant;
+
+use iplw::error::Result;
+use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
+use iplw::progress::NoProgress;
+use iplw::reality::joint_worlds::{Mechanism, RecordingPlan};
+use iplw::world::mechanism::Tree;
+use iplw::world::mechanism::effect::{JointEffect, REGISTRY};
+
+/// Worlds without a hidden effect: one in so many.
+const NOTHING_HIDDEN_EVERY: usize = 5;
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let worlds: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(6);
+    let first: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
+    let only = arguments.next().and_then(|name| Mechanism::named(&name));
+    let plan = RecordingPlan { trials: 20, duration: 5.0, rate: 100.0, noise: 1e-3 };
+    let mut counts = Counts::default();
+    for k in 0..worlds {
+        let mechanism = only.unwrap_or(Mechanism::ALL[k % Mechanism::ALL.len()]);
+        let choices = choices(mechanism)?;
+        let own = k / if only.is_some() { 1 } else { Mechanism::ALL.len() };
+        let hidden = (own % NOTHING_HIDDEN_EVERY + 1 < NOTHING_HIDDEN_EVERY)
+            .then(|| choices[(own - own / NOTHING_HIDDEN_EVERY) % choices.len()]);
+        let world = mechanism.world(hidden, &plan, first + k as u64)?;
+        let start = Instant::now();
+        let found = diagnose_joints(&world.scene, &world.trials, 3, 0, &NoProgress)?;
+        let names = &Tree::of(&world.scene)?.names;
+        let truth = world.truth.as_ref().map(|t| format!("{} ({})", t.effect.name, names[t.joint]));
+        let outcome = counts.add(truth.as_deref(), &found);
+        let values = world.truth.as_ref().map_or(String::new(), |t| format!("{:.4?}", t.values));
+        let estimates: Vec<String> = found
+            .effects
+            .iter()
+            .flat_map(|e| e.parameters.iter().map(|p| format!("{:.4}+-{:.4}", p.value, p.sd)))
+            .collect();
+        println!(
+            "{:>4} {:9} {:14} hidden {} {values}: {} {:?} p(none) {:.2} share {:.2?} gain {:.2?} [{}] {:.1} s",
+            first + k as u64,
+            mechanism.name(),
+            outcome,
+            truth.as_deref().unwrap_or("nothing"),
+            found.verdict.name(),
+            found.credible_sets,
+            found.none_probability,
+            found.explained_interval,
+            found.held_out_gain,
+            estimates.join(" "),
+            start.elapsed().as_secs_f64(),
+        );
+    }
+    println!("{counts:?}");
+    Ok(())
+}
+
+/// Effects and joints that can be hidden.
+fn choices(mechanism: Mechanism) -> Result<Vec<(&'static JointEffect, usize)>> {
+    let tree = Tree::of(&mechanism.scene())?;
+    let mut out = Vec::new();
+    for effect in REGISTRY.iter().copied() {
+        for joint in 0..tree.links.len() {
+            if effect.fits(
+                tree.kinds[joint],
+                tree.motors[joint].is_some(),
+                tree.parents[joint].is_none(),
+                true,
+            ) {
+                out.push((effect, joint));
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// Numbers of outcomes.
+#[derive(Debug, Default)]
+struct Counts {
+    hidden: usize,
+    right_alone: usize,
+    in_the_set: usize,
+    unknown: usize,
+    missed: usize,
+    wrong: usize,
+    nothing: usize,
+    false_names: usize,
+    intervals: usize,
+    intervals_with_truth: usize,
+}
+
+impl Counts {
+    fn add(&mut self, truth: Option<&str>, found: &JointDiagnosis) -> &'static str {
+        let sets = &found.credible_sets;
+        let Some(truth) = truth else {
+            self.nothing += 1;
+            let named = !sets.is_empty() && found.verdict.name() != "unknown";
+            self.false_names += usize::from(named);
+            return if named { "FALSE NAME" } else { "nothing" };
+        };
+        self.hidden += 1;
+        let right = |set: &Vec<String>| set.len() == 1 && set[0] == truth;
+        match found.verdict.name() {
+            "named" if right(&sets[0]) => {
+                self.right_alone += 1;
+                "right"
+            }
+            "named" | "ambiguous" if sets.iter().any(right) => {
+                self.in_the_set += 1;
+                "in the set"
+            }
+            "named" | "ambiguous" => {
+                self.wrong += 1;
+                "WRONG"
+            }
+            "unknown" => {
+                self.unknown += 1;
+                "unknown"
+            }
+            _ => {
+                self.missed += 1;
+                "missed"
+            }
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! From the posterior over sets of effects in joints to a verdict: the rules of `selection::decide`.
+
+use nalgebra::DVector;
+use rand_distr::{Distribution, Exp1};
+
+use super::model_fit::{Context, JointFit};
+use super::search::JointSearch;
+use crate::error::Result;
+use crate::estimate::sampler::log_sum_exp;
+use crate::inference::mixed_model::group_statistics::gls;
+use crate::inference::report::Verdict;
+use crate::inference::selection::search::log_prior;
+use crate::inference::selection::{SETTINGS, at_scale};
+use crate::rng;
+
+/// Draws of the Bayesian bootstrap over trials, and number of held-out parts.
+const DRAWS: usize = 1000;
+const FOLDS: usize = 5;
+/// Least excess of the base model over the noise, as a share of it, for shares to be defined.
+const MIN_EXCESS: f64 = 0.2;
+
+/// A verdict with its reasons.
+pub struct JointDecision {
+    pub verdict: Verdict,
+    /// Indices of the credible sets, most probable first; the first is reported.
+    pub rivals: Vec<usize>,
+    /// Posterior probability by fit, and of the base model.
+    pub probabilities: Vec<f64>,
+    pub base_probability: f64,
+    /// Share of the predictable misfit that the reported set explains, with its 90 % interval.
+    pub explained: Option<(f64, [f64; 2])>,
+    /// Share of the excess squared error on held-out trials that it removes.
+    pub gain: Option<f64>,
+}
+
+/// Decides from the result of a search.
+pub fn decide(context: &Context, found: &JointSearch, seed: u64) -> Result<JointDecision> {
+    let all = log_sum_exp(found.log_posterior.iter().chain([&found.base.log_evidence]).copied());
+    let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| libm::exp(l - all)).collect();
+    let base_probability = libm::exp(found.base.log_evidence - all);
+    let mut out = JointDecision {
+        verdict: Verdict::None,
+        rivals: Vec::new(),
+        probabilities,
+        base_probability,
+        explained: None,
+        gain: None,
+    };
+    if base_probability >= 1.0 - SETTINGS.credible_mass {
+        if field_is_certain(context, &found.base) {
+            out.verdict = Verdict::Unknown;
+        }
+        return Ok(out);
+    }
+    out.rivals = simplest(found, &credible_set(&out.probabilities, base_probability));
+    let best = &found.fits[out.rivals[0]];
+    out.explained = explained_share(context, &found.base, best, seed);
+    out.gain = held_out_gain(context, &found.base, best);
+    let explains = !best.is_at_bound
+        && out.explained.is_none_or(|(_, interval)| interval[1] >= SETTINGS.explained_share);
+    let gains = out.gain.is_none_or(|gain| gain >= SETTINGS.least_gain);
+    out.verdict = match out.rivals.len() {
+        _ if !(explains && gains) => Verdict::Unknown,
+        1 => Verdict::Named,
+        _ => Verdict::Ambiguous,
+    };
+    if !gains {
+        out.rivals.clear();
+    }
+    Ok(out)
+}
+
+/// Whether a broad torque field is certain beside a model.
+fn field_is_certain(context: &Context, fit: &JointFit) -> bool {
+    let Some(discrepancy) = &context.discrepancy else { return false };
+    let broad = at_scale(&fit.statistics, &fit.prior, discrepancy.broad_ratio);
+    broad.is_some_and(|l| l.log_evidence - fit.log_evidence + log_prior(1) > SETTINGS.log_odds_of_certainty())
+}
+
+/// The smallest set of fits that together with the base model holds the credible mass, most probable first.
+fn credible_set(probabilities: &[f64], base: f64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..probabilities.len()).collect();
+    order.sort_by(|a, b| probabilities[*b].total_cmp(&probabilities[*a]).then(a.cmp(b)));
+    let (mut mass, mut out) = (base, Vec::new());
+    for i in order {
+        out.push(i);
+        mass += probabilities[i];
+        if mass >= SETTINGS.credible_mass {
+            break;
+        }
+    }
+    out
+}
+
+/// The sets that contain no other one, unless they are certainly more probable than it.
+fn simplest(found: &JointSearch, sets: &[usize]) -> Vec<usize> {
+    let contains = |large: &JointFit, small: &JointFit| {
+        let has = |t: &crate::world::mechanism::JointTerm| {
+            large.terms.iter().any(|l| l.joint == t.joint && l.effect.name == t.effect.name)
+        };
+        large.terms.len() > small.terms.len() && small.terms.iter().all(has)
+    };
+    let certain = |i: usize, j: usize| {
+        found.log_posterior[i] - found.log_posterior[j] > SETTINGS.log_odds_of_certainty()
+    };
+    let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !certain(i, j);
+    sets.iter().copied().filter(|i| !sets.iter().any(|j| j != i && covers(*i, *j))).collect()
+}
+
+/// Squared residuals by trial at parameter and discrepancy steps.
+fn squares(fit: &JointFit, step: impl Fn(usize) -> DVector<f64>) -> Vec<f64> {
+    fit.groups.iter().enumerate().map(|(k, group)| group.square_at(&step(k))).collect()
+}
+
+/// Expected squares of noise and trial discrepancy, by trial.
+fn noise_floor(context: &Context, fit: &JointFit) -> Vec<f64> {
+    let of = |block: &crate::inference::mixed_model::groups::SegmentBlock| {
+        let variances = block.variances(context.components.discrepancy);
+        variances
+            .iter()
+            .enumerate()
+            .map(|(i, v)| (1.0 - block.nuisances.row(i).norm_squared()) * v)
+            .sum::<f64>()
+    };
+    fit.groups.iter().map(|group| group.blocks.iter().map(of).sum()).collect()
+}
+
+/// The discrepancy's mode alone.
+fn discrepancy_step(fit: &JointFit) -> DVector<f64> {
+    let mut step = fit.laplace.step.clone();
+    step.rows_mut(0, fit.prior.mean_offset.len()).fill(0.0);
+    step
+}
+
+/// Share of the predictable misfit that a model explains: (m0 - m1) / (m0 - m2).
+fn explained_share(
+    context: &Context,
+    base: &JointFit,
+    model: &JointFit,
+    seed: u64,
+) -> Option<(f64, [f64; 2])> {
+    let own_step = discrepancy_step(model);
+    let own = squares(model, |_| own_step.clone());
+    let q = model.prior.mean_offset.len();
+    // The same discrepancy beside the base model, whose columns follow no parameters.
+    let shared = own_step.rows(q, own_step.len() - q).into_owned();
+    let none = squares(base, |_| shared.clone());
+    let broad =
+        context.discrepancy.as_ref().and_then(|d| at_scale(&model.statistics, &model.prior, d.broad_ratio));
+    let least = match broad {
+        Some(broad) => squares(model, |_| broad.step.clone()),
+        None => own.clone(),
+    };
+    let floor = noise_floor(context, model);
+    if none.iter().sum::<f64>() < (1.0 + MIN_EXCESS) * floor.iter().sum::<f64>() {
+        return None;
+    }
+    let share = |weights: &[f64]| {
+        let sum = |of: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(i, w)| w * of(i)).sum::<f64>();
+        let gone = sum(&|i| none[i] - own[i]);
+        let all = sum(&|i| none[i] - own[i].min(least[i]).max(floor[i].min(none[i])));
+        if all > 0.0 { (gone / all).clamp(0.0, 1.0) } else { 1.0 }
+    };
+    let mut stream = rng::stream(seed, "explained share");
+    let mut draws: Vec<f64> = (0..DRAWS)
+        .map(|_| share(&none.iter().map(|_| Exp1.sample(&mut stream)).collect::<Vec<f64>>()))
+        .collect();
+    draws.sort_by(f64::total_cmp);
+    let at = |p: f64| draws[(p * (DRAWS - 1) as f64) as usize];
+    Some((share(&vec![1.0; none.len()]), [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)]))
+}
+
+/// Share of the excess squared error on held-out trials that a model removes: its parameters are estimated from the other trials.
+fn held_out_gain(context: &Context, base: &JointFit, model: &JointFit) -> Option<f64> {
+    let q = model.prior.mean_offset.len();
+    let statistics: Vec<_> = model.statistics.iter().map(|s| s.first_parameters(q)).collect();
+    let steps: Vec<DVector<f64>> = (0..FOLDS.min(statistics.len()))
+        .map(|fold| {
+            let others = statistics.iter().enumerate().filter(|(k, _)| k % FOLDS != fold).map(|(_, s)| s);
+            gls(others, &model.prior).map(|estimate| estimate.step)
+        })
+        .collect::<Option<_>>()?;
+    let whole = |k: usize| {
+        let mut step = DVector::zeros(model.groups[k].blocks[0].jacobian.ncols());
+        step.rows_mut(0, q).copy_from(&steps[k % FOLDS.min(steps.len())]);
+        step
+    };
+    let after: f64 = squares(model, whole).iter().sum();
+    let zero = DVector::zeros(base.groups.first()?.blocks[0].jacobian.ncols());
+    let before: f64 = squares(base, |_| zero.clone()).iter().sum();
+    let floor: f64 = noise_floor(context, base).iter().sum();
+    (before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor))
+}

@@ -1,0 +1,120 @@
+//! Shared discrepancy of a mechanism: a small torque field over each joint's position, velocity and motor torque, and a small
+//! smooth error of each encoder, the same in all trials.
+//!
+//! The largest plausible torque is sqrt((1 % of the typical torque)^2 + (6 % of the torque that the simulation lacks)^2), the
+//! largest encoder error 0.3 % of the range: the shares of the shared discrepancy of bodies.
+
+use nalgebra::DMatrix;
+
+use super::linearization::Terms;
+use super::recording::{Recording, motor_torque};
+use crate::inference::selection::SETTINGS;
+use crate::world::mechanism::{FieldShape, TorqueField, TorqueFunction};
+
+/// Numbers of radial basis functions over position and velocity.
+const BUMPS: [usize; 2] = [5, 4];
+/// Encoder errors: smooth functions of the position.
+const ENCODER_MODES: usize = 2;
+
+/// Responses of all segments to the shared discrepancy.
+pub struct JointDiscrepancy {
+    /// By segment: response of the observations to each function at its largest plausible size.
+    pub responses: Vec<DMatrix<f64>>,
+    /// By segment: response to a constant torque in each joint of 1 % of the typical one.
+    pub constant: Vec<DMatrix<f64>>,
+    /// Ratio of a broad field, as large as the missing torque, to the largest plausible one.
+    pub broad_ratio: f64,
+}
+
+/// The discrepancy along the paths of a model; `None` if it cannot be simulated.
+pub fn discrepancy(recording: &Recording, terms: &Terms, states: &[Vec<f64>]) -> Option<JointDiscrepancy> {
+    let joints = recording.noise.len();
+    let field = field(recording);
+    let norms = norms(recording, &field);
+    let base = |j: usize| SETTINGS.discrepancy_of_gravity * recording.scales[j].torque;
+    let cap =
+        |j: usize| base(j).hypot(SETTINGS.discrepancy_of_acceleration * recording.scales[j].missing_torque);
+    let sizes: Vec<f64> = field.functions.iter().map(|f| cap(f.joint) / norms[f.joint]).collect();
+    let mut responses = recording.field_responses(terms, states, &field, &sizes)?;
+    let constants: Vec<usize> = (0..joints)
+        .filter_map(|j| field.functions.iter().position(|f| f.joint == j && f.shape == FieldShape::Constant))
+        .collect();
+    let constant = responses.iter().map(|all| {
+        DMatrix::from_fn(all.nrows(), joints, |i, j| all[(i, constants[j])] / sizes[constants[j]] * base(j))
+    });
+    let constant = constant.collect();
+    for (segment, all) in recording.segments.iter().zip(&mut responses) {
+        let (count, before) = (segment.states.len(), all.ncols());
+        let mut wide = std::mem::replace(all, DMatrix::zeros(0, 0))
+            .resize_horizontally(before + ENCODER_MODES * joints, 0.0);
+        for (j, scales) in recording.scales.iter().enumerate() {
+            let size = SETTINGS.discrepancy_of_position * scales.range;
+            for (i, state) in segment.states.iter().enumerate() {
+                let x = (state[j][0] - field.centre[j][0]) / scales.range;
+                wide[(j * count + i, before + ENCODER_MODES * j)] = size * x * x;
+                wide[(j * count + i, before + ENCODER_MODES * j + 1)] = size * x * x * x;
+            }
+        }
+        *all = wide;
+    }
+    let ratio = |j: usize| recording.scales[j].missing_torque / cap(j);
+    let broad_ratio = (0..joints).map(ratio).fold(3.0, f64::max);
+    Some(JointDiscrepancy { responses, constant, broad_ratio })
+}
+
+/// The functions over the range of the data.
+fn field(recording: &Recording) -> TorqueField {
+    let joints = recording.noise.len();
+    let mut out = TorqueField::default();
+    for j in 0..joints {
+        let states = arguments(recording, j);
+        let range = |k: usize| {
+            let values = || states.iter().map(|s| s[k]);
+            [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)]
+        };
+        let ranges = [0, 1, 2].map(range);
+        out.centre.push(ranges.map(|[low, high]| 0.5 * (low + high)));
+        out.half_extent.push(ranges.map(|[low, high]| (0.5 * (high - low)).max(1e-9)));
+        let driven = usize::from(recording.tree.motors[j].is_some());
+        let linear = (0..2 + driven).map(FieldShape::Linear);
+        let bump = |k: usize| {
+            let place = |k: usize, count: usize| 2.0 * k as f64 / (count - 1) as f64 - 1.0;
+            let [a, b] = BUMPS;
+            let width = |count: usize| (2.0 / (count - 1) as f64).powi(-2);
+            FieldShape::Bump {
+                centre: [place(k % a, a), place(k / a, b)],
+                inverse_square_width: [width(a), width(b)],
+            }
+        };
+        let shapes =
+            [FieldShape::Constant].into_iter().chain(linear).chain((0..BUMPS[0] * BUMPS[1]).map(bump));
+        out.functions.extend(shapes.map(|shape| TorqueFunction { joint: j, shape }));
+    }
+    out
+}
+
+/// Position, velocity and motor torque of a joint at all observations.
+fn arguments(recording: &Recording, joint: usize) -> Vec<[f64; 3]> {
+    let of = |segment: &super::recording::JointSegment| {
+        let trial = &recording.trials[segment.trial];
+        let times = &trial.times[segment.range.clone()];
+        let state = |(time, states): (&f64, &Vec<[f64; 3]>)| {
+            let own = &states[joint];
+            [own[0], own[1], motor_torque(recording.tree, trial, joint, *time, own)]
+        };
+        times.iter().zip(&segment.states).map(state).collect::<Vec<[f64; 3]>>()
+    };
+    recording.segments.iter().flat_map(of).collect()
+}
+
+/// By joint: root of the mean, over observed states, of the sum of all squared functions.
+fn norms(recording: &Recording, field: &TorqueField) -> Vec<f64> {
+    let of = |j: usize| {
+        let own: Vec<usize> = (0..field.functions.len()).filter(|k| field.functions[*k].joint == j).collect();
+        let states = arguments(recording, j);
+        let square =
+            states.iter().map(|s| own.iter().map(|k| field.at(*k, *s).powi(2)).sum::<f64>()).sum::<f64>();
+        (square / states.len().max(1) as f64).sqrt().max(1e-12)
+    };
+    (0..recording.noise.len()).map(of).collect()
+}

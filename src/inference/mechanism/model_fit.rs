@@ -1,0 +1,228 @@
+//! Fit of a set of effects to a recording of a mechanism, with its evidence: the statistics of `mixed_model` and `selection` on
+//! segments of joint positions.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::discrepancy::JointDiscrepancy;
+use super::linearization::{Linearization, Terms, declaration, slots};
+use super::recording::Recording;
+use crate::error::{Error, Result};
+use crate::inference::mixed_model::coordinates::orthonormalise;
+use crate::inference::mixed_model::group_statistics::{
+    GroupStatistics, VarianceComponents, group_statistics,
+};
+use crate::inference::mixed_model::groups::{Group, SegmentBlock};
+use crate::inference::mixed_model::random_design::RandomEffect;
+use crate::inference::selection::{FixedEffectsPrior, Laplace, marginal_evidence, profile_log_posterior};
+use crate::progress::Progress;
+
+/// Maximum number of Gauss-Newton steps, halvings of a step that decreases the posterior, and convergence tolerance, nats.
+const MAX_STEPS: usize = 12;
+const MAX_HALVINGS: usize = 3;
+const TOLERANCE: f64 = 0.05;
+
+/// What all sets of effects share.
+pub struct Context<'a, 'b> {
+    pub recording: &'b Recording<'a>,
+    pub discrepancy: Option<JointDiscrepancy>,
+    pub components: VarianceComponents,
+    pub progress: &'b dyn Progress,
+}
+
+/// A fitted set of effects.
+pub struct JointFit {
+    pub terms: Terms,
+    /// Initial states by segment.
+    pub states: Vec<Vec<f64>>,
+    pub log_evidence: f64,
+    pub laplace: Laplace,
+    pub prior: FixedEffectsPrior,
+    pub groups: Vec<Group>,
+    pub statistics: Vec<GroupStatistics>,
+    /// Whether a parameter is at a bound that the data would cross.
+    pub is_at_bound: bool,
+}
+
+/// A point of the fit.
+struct Iterate {
+    terms: Terms,
+    states: Vec<Vec<f64>>,
+    linearizations: Vec<Linearization>,
+    groups: Vec<Group>,
+    statistics: Vec<GroupStatistics>,
+    prior: FixedEffectsPrior,
+    laplace: Laplace,
+    log_posterior: f64,
+}
+
+impl Context<'_, '_> {
+    /// Fits terms from values and states; `None` if they cannot be simulated.
+    pub fn fit(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointFit>> {
+        let Some(mut best) = self.evaluate(terms, states)? else { return Ok(None) };
+        let mut fraction = 1.0;
+        let mut halvings = 0;
+        for _ in 0..MAX_STEPS {
+            let next = self.stepped(&best, fraction);
+            let candidate = self.evaluate(next.0, next.1)?;
+            match candidate.filter(|c| c.log_posterior > best.log_posterior) {
+                Some(candidate) => {
+                    let gained = candidate.log_posterior - best.log_posterior;
+                    (best, halvings) = (candidate, 0);
+                    fraction = f64::min(1.0, 2.0 * fraction);
+                    if gained < TOLERANCE {
+                        break;
+                    }
+                }
+                None if halvings == MAX_HALVINGS => break,
+                None => (fraction, halvings) = (0.4 * fraction, halvings + 1),
+            }
+        }
+        Ok(Some(self.fitted(best)))
+    }
+
+    /// Log evidence of terms at values and states, by one linearization: what a fit promises.
+    pub fn promise(&self, terms: Terms, states: &[Vec<f64>]) -> Result<Option<f64>> {
+        Ok(self.evaluate(terms, states.to_vec())?.map(|iterate| iterate.laplace.log_evidence))
+    }
+
+    fn evaluate(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<Iterate>> {
+        self.progress.check_stop()?;
+        let Some(linearizations) = self.recording.linearise(&terms, &states) else { return Ok(None) };
+        let groups = self.groups(&terms, &linearizations);
+        let Some(statistics) = group_statistics(&groups, &self.components, self.progress)? else {
+            return Ok(None);
+        };
+        let prior = self.prior(&terms);
+        let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
+        let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
+        Ok(Some(Iterate { terms, states, linearizations, groups, statistics, prior, laplace, log_posterior }))
+    }
+
+    /// Prior of the terms' parameters, relative to their values.
+    pub fn prior(&self, terms: &Terms) -> FixedEffectsPrior {
+        let slots = slots(terms);
+        let mut out = FixedEffectsPrior::none();
+        out.precision = DMatrix::zeros(slots.len(), slots.len());
+        out.mean_offset = DVector::zeros(slots.len());
+        for (k, slot) in slots.iter().enumerate() {
+            let own = declaration(terms, *slot);
+            out.precision[(k, k)] = self.recording.plausible(terms, *slot).powi(-2);
+            out.mean_offset[k] = own.neutral - terms[slot.term].values[slot.parameter];
+        }
+        out
+    }
+
+    /// Groups by trial: columns of the parameters, then of the shared discrepancy.
+    pub fn groups(&self, terms: &Terms, linearizations: &[Linearization]) -> Vec<Group> {
+        let mut out: Vec<Group> = Vec::new();
+        for (w, own) in linearizations.iter().enumerate() {
+            let trial = self.recording.segments[w].trial;
+            let block = self.block(w, terms, own);
+            match out.last_mut() {
+                Some(last) if last.trial == trial => last.blocks.push(block),
+                _ => out.push(Group { trial, blocks: vec![block], has_random_effects: true }),
+            }
+        }
+        out
+    }
+
+    fn block(&self, w: usize, terms: &Terms, own: &Linearization) -> SegmentBlock {
+        let (recording, segment) = (self.recording, &self.recording.segments[w]);
+        let (nuisances, _) = orthonormalise(&recording.white(segment, &own.nuisances));
+        let project = |columns: &DMatrix<f64>| {
+            let white = recording.white(segment, columns);
+            let along = nuisances.tr_mul(&white);
+            white - &nuisances * along
+        };
+        let parameters = project(&own.jacobian);
+        let residual = project(&DMatrix::from_column_slice(own.residual.len(), 1, own.residual.as_slice()));
+        let rows = parameters.nrows();
+        let shared = self.discrepancy.as_ref().map(|d| project(&d.responses[w]));
+        let constant = self.discrepancy.as_ref().map(|d| project(&d.constant[w]));
+        let columns = |m: &Option<DMatrix<f64>>| m.as_ref().map_or(0, |m| m.ncols());
+        let mut jacobian = parameters.clone().resize_horizontally(parameters.ncols() + columns(&shared), 0.0);
+        if let Some(shared) = &shared {
+            jacobian.columns_mut(parameters.ncols(), shared.ncols()).copy_from(shared);
+        }
+        // What differs by trial: a constant torque in each joint, and the size of each effect.
+        let mut z_group = DMatrix::zeros(rows, columns(&constant) + terms.len());
+        let mut z_group_effects = Vec::new();
+        if let Some(constant) = &constant {
+            z_group.columns_mut(0, constant.ncols()).copy_from(constant);
+            z_group_effects.extend((0..constant.ncols()).map(|_| RandomEffect::Acceleration(0)));
+        }
+        for (k, slot) in slots(terms).iter().enumerate() {
+            let off = terms[slot.term].values[slot.parameter] - declaration(terms, *slot).neutral;
+            let mut column = z_group.column_mut(columns(&constant) + slot.term);
+            column.axpy(off, &parameters.column(k), 1.0);
+        }
+        z_group_effects.extend(terms.iter().map(|_| RandomEffect::Scale));
+        SegmentBlock {
+            segment: w,
+            residual: residual.column(0).into_owned(),
+            gp_variance: recording.gp_variances(segment),
+            jacobian,
+            z_group,
+            z_group_effects,
+            z_segment: DMatrix::zeros(rows, 0),
+            z_segment_effects: Vec::new(),
+            nuisances,
+            log_det_noise: 0.0,
+        }
+    }
+
+    /// Terms and states after a fraction of the step to the mode.
+    fn stepped(&self, from: &Iterate, fraction: f64) -> (Terms, Vec<Vec<f64>>) {
+        let (mut terms, slots) = (from.terms.clone(), slots(&from.terms));
+        let mut step = fraction * &from.laplace.step;
+        for (k, slot) in slots.iter().enumerate() {
+            let [low, high] = declaration(&terms, *slot).bounds;
+            let value = &mut terms[slot.term].values[slot.parameter];
+            let moved = (*value + step[k]).clamp(low, high);
+            step[k] = moved - *value;
+            *value = moved;
+        }
+        let mut states = from.states.clone();
+        for (w, (own, state)) in from.linearizations.iter().zip(&mut states).enumerate() {
+            let mut left = &own.residual - &own.jacobian * step.rows(0, slots.len());
+            if let Some(discrepancy) = &self.discrepancy {
+                left -= &discrepancy.responses[w] * step.rows(slots.len(), discrepancy.responses[w].ncols());
+            }
+            let white = |m: &DMatrix<f64>| self.recording.white(&self.recording.segments[w], m);
+            let right = white(&DMatrix::from_column_slice(left.len(), 1, left.as_slice()));
+            if let Ok(moved) = white(&own.nuisances).svd(true, true).solve(&right, 1e-12) {
+                state.iter_mut().zip(moved.iter()).for_each(|(s, by)| *s += by);
+            }
+        }
+        (terms, states)
+    }
+
+    fn fitted(&self, best: Iterate) -> JointFit {
+        let Iterate { terms, states, groups, statistics, prior, laplace, log_posterior, .. } = best;
+        let slots = slots(&terms);
+        let beyond = |(k, slot): (usize, &super::linearization::Slot)| {
+            let (own, value) = (declaration(&terms, *slot), terms[slot.term].values[slot.parameter]);
+            let sd = laplace.covariance[(k, k)].sqrt();
+            let wanted = value + laplace.step[k];
+            wanted < own.bounds[0] - 0.1 * sd || wanted > own.bounds[1] + 0.1 * sd
+        };
+        let is_at_bound = slots.iter().enumerate().any(beyond);
+        // A step that remains promises more than was reached.
+        let excess = (laplace.log_joint - log_posterior).max(0.0);
+        JointFit {
+            log_evidence: laplace.log_evidence - excess,
+            terms,
+            states,
+            laplace,
+            prior,
+            groups,
+            statistics,
+            is_at_bound,
+        }
+    }
+}
+
+/// The error of a fit that must be possible.
+pub fn not_simulable() -> Error {
+    Error::Failed("the mechanism could not be simulated along the recording".into())
+}

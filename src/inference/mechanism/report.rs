@@ -1,0 +1,185 @@
+//! Report of a diagnosis of joints.
+
+use serde::Serialize;
+
+use super::decision::JointDecision;
+use super::linearization::slots;
+use super::model_fit::JointFit;
+use super::recording::Recording;
+use super::search::JointSearch;
+use crate::inference::report::Verdict;
+use crate::task::Scene;
+use crate::task::scene::EffectTerm;
+
+/// Half width of a 95 % and of a 90 % interval, standard deviations.
+const WIDTH_95: f64 = 1.96;
+
+/// What a simulation of a mechanism gets wrong.
+#[derive(Clone, Debug, Serialize)]
+pub struct JointDiagnosis {
+    pub format: String,
+    pub verdict: Verdict,
+    pub reason: String,
+    /// The most probable set.
+    pub effects: Vec<JointEffectEstimate>,
+    /// Credible sets, most probable first: effect and joint of each.
+    pub credible_sets: Vec<Vec<String>>,
+    /// Posterior probability that each effect acts in each joint, most probable first, those below 1 % left out.
+    pub inclusion: Vec<(String, f64)>,
+    /// Posterior probability that nothing in the library is missing.
+    pub none_probability: f64,
+    /// Share of the predictable misfit that the set explains, with a 90 % interval; absent without misfit.
+    pub explained_share: Option<f64>,
+    pub explained_interval: Option<[f64; 2]>,
+    /// Share of the excess squared error on held-out trials that it removes.
+    pub held_out_gain: Option<f64>,
+    /// Standard deviation of the noise of each joint's positions, rad or m.
+    pub noise: Vec<f64>,
+    pub trials: usize,
+    pub segments: usize,
+    pub seed: u64,
+    pub version: String,
+    /// The scene with the effects in its joints.
+    pub extended_scene: Scene,
+}
+
+/// An effect in a joint.
+#[derive(Clone, Debug, Serialize)]
+pub struct JointEffectEstimate {
+    pub effect: String,
+    pub joint: String,
+    pub equation: String,
+    /// Posterior probability that it acts.
+    pub probability: f64,
+    pub parameters: Vec<JointParameterEstimate>,
+}
+
+/// A parameter with its uncertainty.
+#[derive(Clone, Debug, Serialize)]
+pub struct JointParameterEstimate {
+    pub name: String,
+    pub unit: String,
+    pub value: f64,
+    pub sd: f64,
+    pub interval_95: [f64; 2],
+}
+
+/// Builds the report.
+pub fn build(
+    scene: &Scene,
+    recording: &Recording,
+    found: &JointSearch,
+    decision: &JointDecision,
+    seed: u64,
+) -> JointDiagnosis {
+    let inclusion = inclusion(recording, found, decision);
+    let effects = decision
+        .rivals
+        .first()
+        .map_or(Vec::new(), |best| estimates(recording, &found.fits[*best], &inclusion));
+    let names = |fit: &JointFit| {
+        fit.terms.iter().map(|t| name(recording, t.effect.name, t.joint)).collect::<Vec<String>>()
+    };
+    let credible_sets: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
+    let mut extended_scene = scene.clone();
+    for effect in &effects {
+        let joint = extended_scene.joints.iter_mut().find(|joint| joint.name == effect.joint);
+        let parameters: Vec<(&str, f64)> =
+            effect.parameters.iter().map(|p| (p.name.as_str(), p.value)).collect();
+        joint.into_iter().for_each(|joint| joint.effects.push(EffectTerm::new(&effect.effect, &parameters)));
+    }
+    JointDiagnosis {
+        format: "iplw.joint_diagnosis/1".into(),
+        verdict: decision.verdict,
+        reason: reason(decision, &credible_sets),
+        effects,
+        credible_sets,
+        inclusion: inclusion.into_iter().filter(|(_, p)| *p >= 0.01).collect(),
+        none_probability: decision.base_probability,
+        explained_share: decision.explained.map(|(share, _)| share),
+        explained_interval: decision.explained.map(|(_, interval)| interval),
+        held_out_gain: decision.gain,
+        noise: recording.noise.clone(),
+        trials: recording.trials.len(),
+        segments: recording.segments.len(),
+        seed,
+        version: env!("CARGO_PKG_VERSION").into(),
+        extended_scene,
+    }
+}
+
+/// `effect (joint)`.
+fn name(recording: &Recording, effect: &str, joint: usize) -> String {
+    format!("{effect} ({})", recording.tree.names[joint])
+}
+
+/// Inclusion probabilities of all effects in joints, most probable first.
+fn inclusion(recording: &Recording, found: &JointSearch, decision: &JointDecision) -> Vec<(String, f64)> {
+    let mut all: Vec<(String, f64)> = Vec::new();
+    for (fit, probability) in found.fits.iter().zip(&decision.probabilities) {
+        for term in &fit.terms {
+            let own = name(recording, term.effect.name, term.joint);
+            match all.iter_mut().find(|(known, _)| *known == own) {
+                Some((_, sum)) => *sum += probability,
+                None => all.push((own, *probability)),
+            }
+        }
+    }
+    all.sort_by(|a, b| b.1.total_cmp(&a.1).then_with(|| a.0.cmp(&b.0)));
+    all
+}
+
+fn estimates(recording: &Recording, fit: &JointFit, inclusion: &[(String, f64)]) -> Vec<JointEffectEstimate> {
+    let slots = slots(&fit.terms);
+    let of = |(t, term): (usize, &crate::world::mechanism::JointTerm)| {
+        let own = name(recording, term.effect.name, term.joint);
+        let parameters = slots.iter().enumerate().filter(|(_, slot)| slot.term == t).map(|(k, slot)| {
+            let declared = &term.effect.parameters[slot.parameter];
+            let (value, sd) = (term.values[slot.parameter], fit.laplace.covariance[(k, k)].sqrt());
+            let end =
+                |sign: f64| (value + sign * WIDTH_95 * sd).clamp(declared.bounds[0], declared.bounds[1]);
+            JointParameterEstimate {
+                name: declared.name.into(),
+                unit: declared.unit.into(),
+                value,
+                sd,
+                interval_95: [end(-1.0), end(1.0)],
+            }
+        });
+        JointEffectEstimate {
+            effect: term.effect.name.into(),
+            joint: recording.tree.names[term.joint].clone(),
+            equation: term.effect.equation.into(),
+            probability: inclusion.iter().find(|(known, _)| *known == own).map_or(0.0, |(_, p)| *p),
+            parameters: parameters.collect(),
+        }
+    };
+    fit.terms.iter().enumerate().map(of).collect()
+}
+
+fn reason(decision: &JointDecision, sets: &[Vec<String>]) -> String {
+    let listed = || sets.iter().map(|set| set.join(" + ")).collect::<Vec<String>>().join(" | ");
+    let share = decision.explained.map_or(String::new(), |(share, [low, high])| {
+        format!(
+            " The set explains {:.0} % ({:.0} to {:.0} %) of the predictable misfit.",
+            100.0 * share,
+            100.0 * low,
+            100.0 * high
+        )
+    });
+    match decision.verdict {
+        Verdict::None => format!(
+            "The simulation agrees with the recording: probability {:.2} that nothing is missing.",
+            decision.base_probability
+        ),
+        Verdict::Named => format!("The simulation lacks {}.{share}", listed()),
+        Verdict::Ambiguous => format!("The recording does not discriminate between {}.{share}", listed()),
+        Verdict::Unknown | Verdict::InsufficientData if sets.is_empty() => {
+            "The simulation lacks something that no effect in the library explains.".into()
+        }
+        Verdict::Unknown | Verdict::InsufficientData => format!(
+            "The simulation lacks something that no effect in the library explains well; best: {}.{share}",
+            listed()
+        ),
+    }
+}
