@@ -7,7 +7,7 @@ use std::time::Instant;
 use iplw::error::Result;
 use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
 use iplw::progress::NoProgress;
-use iplw::reality::joint_worlds::{Mechanism, RecordingPlan};
+use iplw::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
 use iplw::world::mechanism::Tree;
 use iplw::world::mechanism::effect::{JointEffect, REGISTRY};
 
@@ -33,6 +33,7 @@ fn main() -> Result<()> {
         let names = &Tree::of(&world.scene)?.names;
         let truth = world.truth.as_ref().map(|t| format!("{} ({})", t.effect.name, names[t.joint]));
         let outcome = counts.add(truth.as_deref(), &found);
+        counts.add_intervals(&world, &found);
         let values = world.truth.as_ref().map_or(String::new(), |t| format!("{:.4?}", t.values));
         let estimates: Vec<String> = found
             .effects
@@ -93,6 +94,18 @@ struct Counts {
 }
 
 impl Counts {
+    /// Counts the 90 % intervals of a right name that hold the truth.
+    fn add_intervals(&mut self, world: &JointWorld, found: &JointDiagnosis) {
+        let (Some(truth), [effect]) = (&world.truth, found.effects.as_slice()) else { return };
+        if effect.effect != truth.effect.name {
+            return;
+        }
+        for (p, value) in effect.parameters.iter().zip(&truth.values) {
+            self.intervals += 1;
+            self.intervals_with_truth += usize::from((p.value - value).abs() <= 1.645 * p.sd);
+        }
+    }
+
     fn add(&mut self, truth: Option<&str>, found: &JointDiagnosis) -> &'static str {
         let sets = &found.credible_sets;
         let Some(truth) = truth else {

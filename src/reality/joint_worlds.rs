@@ -330,7 +330,10 @@ fn dirt(
     let (mut field, mut coefficients) = (TorqueField::default(), Vec::new());
     for j in 0..tree.links.len() {
         field.centre.push([0.0; 3]);
-        field.half_extent.push([2.0 * amplitude(tree, j), 2.0 * velocity[j].max(1e-6), 1.0]);
+        let is_periodic = tree.kinds[j] == JointKind::Revolute;
+        let extent = if is_periodic { std::f64::consts::PI } else { 2.0 * amplitude(tree, j) };
+        field.is_periodic.push(is_periodic);
+        field.half_extent.push([extent, 2.0 * velocity[j].max(1e-6), 1.0]);
         let [low, high] = FIELD_OF_MISSING;
         let size = (stream.random_range(low..high) * missing[j]).hypot(FIELD_OF_TORQUE * torque[j]);
         for _ in 0..FIELD_FUNCTIONS {

@@ -7,11 +7,12 @@ use super::model_fit::{Context, JointFit};
 use super::search::JointSearch;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
-use crate::inference::mixed_model::group_statistics::gls;
+use crate::inference::mixed_model::group_statistics::{GroupStatistics, gls};
 use crate::inference::report::Verdict;
 use crate::inference::selection::search::log_prior;
 use crate::inference::selection::{SETTINGS, at_scale};
 use crate::rng;
+use crate::world::mechanism::JointTerm;
 
 /// Draws of the Bayesian bootstrap over trials, and number of held-out parts.
 const DRAWS: usize = 1000;
@@ -52,7 +53,12 @@ pub fn decide(context: &Context, found: &JointSearch, seed: u64) -> Result<Joint
         }
         return Ok(out);
     }
-    out.rivals = simplest(found, &credible_set(&out.probabilities, base_probability));
+    let Some(rivals) =
+        beyond_discrepancy(context, found, &credible_set(&out.probabilities, base_probability))
+    else {
+        return Ok(out);
+    };
+    out.rivals = simplest(found, &rivals);
     let best = &found.fits[out.rivals[0]];
     out.explained = explained_share(context, &found.base, best, seed);
     out.gain = held_out_gain(context, &found.base, best);
@@ -68,6 +74,45 @@ pub fn decide(context: &Context, found: &JointSearch, seed: u64) -> Result<Joint
         out.rivals.clear();
     }
     Ok(out)
+}
+
+/// Sets without the effects that are no larger than two standard deviations of the largest plausible discrepancy, each once;
+/// `None` if nothing remains of the most probable one. Such effects may stand for a discrepancy, whose response is linearised.
+fn beyond_discrepancy(context: &Context, found: &JointSearch, sets: &[usize]) -> Option<Vec<usize>> {
+    let mut out = Vec::new();
+    for (k, set) in sets.iter().enumerate() {
+        let fit = &found.fits[*set];
+        let kept: Vec<&JointTerm> =
+            (0..fit.terms.len()).filter(|t| is_beyond(context, fit, *t)).map(|t| &fit.terms[t]).collect();
+        if kept.is_empty() {
+            if k == 0 {
+                return None;
+            }
+            continue;
+        }
+        let is_kept =
+            |t: &JointTerm| kept.iter().any(|k| k.joint == t.joint && k.effect.name == t.effect.name);
+        let is_same = |f: &JointFit| f.terms.len() == kept.len() && f.terms.iter().all(is_kept);
+        // A smaller set that was not fitted stands for itself with the effect.
+        let reduced = found.ranked(is_same).first().copied().unwrap_or(*set);
+        if !out.contains(&reduced) {
+            out.push(reduced);
+        }
+    }
+    Some(out)
+}
+
+/// Whether the response to an effect is larger than two standard deviations of the largest plausible discrepancy.
+fn is_beyond(context: &Context, fit: &JointFit, term: usize) -> bool {
+    let Some(discrepancy) = &context.discrepancy else { return true };
+    let shared = fit.prior.mean_offset.len();
+    let (mut effect, mut largest) = (0.0, 0.0);
+    for block in fit.groups.iter().flat_map(|group| &group.blocks) {
+        // Columns of the effects' sizes follow those of the torques that differ by trial.
+        effect += block.z_group.column(discrepancy.constant[0].ncols() + term).norm_squared();
+        largest += block.jacobian.columns(shared, block.jacobian.ncols() - shared).norm_squared();
+    }
+    effect > 4.0 * largest
 }
 
 /// Whether a broad torque field is certain beside a model.
@@ -94,17 +139,18 @@ fn credible_set(probabilities: &[f64], base: f64) -> Vec<usize> {
 
 /// The sets that contain no other one, unless they are certainly more probable than it.
 fn simplest(found: &JointSearch, sets: &[usize]) -> Vec<usize> {
-    let contains = |large: &JointFit, small: &JointFit| {
-        let has = |t: &crate::world::mechanism::JointTerm| {
-            large.terms.iter().any(|l| l.joint == t.joint && l.effect.name == t.effect.name)
-        };
-        large.terms.len() > small.terms.len() && small.terms.iter().all(has)
-    };
     let certain = |i: usize, j: usize| {
         found.log_posterior[i] - found.log_posterior[j] > SETTINGS.log_odds_of_certainty()
     };
     let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !certain(i, j);
     sets.iter().copied().filter(|i| !sets.iter().any(|j| j != i && covers(*i, *j))).collect()
+}
+
+/// Whether a set contains another one.
+fn contains(large: &JointFit, small: &JointFit) -> bool {
+    let has =
+        |t: &JointTerm| large.terms.iter().any(|l| l.joint == t.joint && l.effect.name == t.effect.name);
+    large.terms.len() > small.terms.len() && small.terms.iter().all(has)
 }
 
 /// Squared residuals by trial at parameter and discrepancy steps.
@@ -142,8 +188,10 @@ fn explained_share(
     let own_step = discrepancy_step(model);
     let own = squares(model, |_| own_step.clone());
     let q = model.prior.mean_offset.len();
-    // The same discrepancy beside the base model, whose columns follow no parameters.
-    let shared = own_step.rows(q, own_step.len() - q).into_owned();
+    // The same discrepancy beside the simpler model.
+    let mut shared = DVector::zeros(base.prior.mean_offset.len() + own_step.len() - q);
+    let first = base.prior.mean_offset.len();
+    shared.rows_mut(first, own_step.len() - q).copy_from(&own_step.rows(q, own_step.len() - q));
     let none = squares(base, |_| shared.clone());
     let broad =
         context.discrepancy.as_ref().and_then(|d| at_scale(&model.statistics, &model.prior, d.broad_ratio));
@@ -170,24 +218,33 @@ fn explained_share(
     Some((share(&vec![1.0; none.len()]), [at(1.0 - SETTINGS.confidence), at(SETTINGS.confidence)]))
 }
 
-/// Share of the excess squared error on held-out trials that a model removes: its parameters are estimated from the other trials.
+/// Share of the excess squared error on held-out trials that a model removes: its parameters are estimated from the other trials,
+/// with the shared discrepancy at its mode subtracted from both models.
 fn held_out_gain(context: &Context, base: &JointFit, model: &JointFit) -> Option<f64> {
     let q = model.prior.mean_offset.len();
-    let statistics: Vec<_> = model.statistics.iter().map(|s| s.first_parameters(q)).collect();
-    let steps: Vec<DVector<f64>> = (0..FOLDS.min(statistics.len()))
+    let own = discrepancy_step(model);
+    let shared = own.rows(q, own.len() - q).into_owned();
+    let fixed = |s: &GroupStatistics| {
+        let mut out = s.first_parameters(q);
+        out.square = s.square_after(&own);
+        out.score -= s.gram.view((0, q), (q, own.len() - q)) * &shared;
+        out
+    };
+    let statistics: Vec<GroupStatistics> = model.statistics.iter().map(fixed).collect();
+    let folds = FOLDS.min(statistics.len());
+    let steps: Vec<DVector<f64>> = (0..folds)
         .map(|fold| {
-            let others = statistics.iter().enumerate().filter(|(k, _)| k % FOLDS != fold).map(|(_, s)| s);
+            let others = statistics.iter().enumerate().filter(|(k, _)| k % folds != fold).map(|(_, s)| s);
             gls(others, &model.prior).map(|estimate| estimate.step)
         })
         .collect::<Option<_>>()?;
-    let whole = |k: usize| {
-        let mut step = DVector::zeros(model.groups[k].blocks[0].jacobian.ncols());
-        step.rows_mut(0, q).copy_from(&steps[k % FOLDS.min(steps.len())]);
+    let held_out = |k: usize| {
+        let mut step = own.clone();
+        step.rows_mut(0, q).copy_from(&steps[k % folds]);
         step
     };
-    let after: f64 = squares(model, whole).iter().sum();
-    let zero = DVector::zeros(base.groups.first()?.blocks[0].jacobian.ncols());
-    let before: f64 = squares(base, |_| zero.clone()).iter().sum();
+    let after: f64 = squares(model, held_out).iter().sum();
+    let before: f64 = squares(base, |_| shared.clone()).iter().sum();
     let floor: f64 = noise_floor(context, base).iter().sum();
     (before > (1.0 + MIN_EXCESS) * floor).then(|| (before - after) / (before - floor))
 }

@@ -4,15 +4,20 @@
 //! The largest plausible torque is sqrt((1 % of the typical torque)^2 + (6 % of the torque that the simulation lacks)^2), the
 //! largest encoder error 0.3 % of the range: the shares of the shared discrepancy of bodies.
 
+use std::f64::consts::PI;
+
 use nalgebra::DMatrix;
 
 use super::linearization::Terms;
 use super::recording::{Recording, motor_torque};
 use crate::inference::selection::SETTINGS;
+use crate::task::joint::JointKind;
 use crate::world::mechanism::{FieldShape, TorqueField, TorqueFunction};
 
 /// Numbers of radial basis functions over position and velocity.
 const BUMPS: [usize; 2] = [5, 4];
+/// Number over the position of a revolute joint, around the circle.
+const PERIODIC_BUMPS: usize = 6;
 /// Encoder errors: smooth functions of the position.
 const ENCODER_MODES: usize = 2;
 
@@ -50,9 +55,16 @@ pub fn discrepancy(recording: &Recording, terms: &Terms, states: &[Vec<f64>]) ->
         for (j, scales) in recording.scales.iter().enumerate() {
             let size = SETTINGS.discrepancy_of_position * scales.range;
             for (i, state) in segment.states.iter().enumerate() {
-                let x = (state[j][0] - field.centre[j][0]) / scales.range;
-                wide[(j * count + i, before + ENCODER_MODES * j)] = size * x * x;
-                wide[(j * count + i, before + ENCODER_MODES * j + 1)] = size * x * x * x;
+                let modes = match recording.tree.kinds[j] {
+                    JointKind::Revolute => <[f64; 2]>::from(libm::sincos(state[j][0])),
+                    JointKind::Prismatic => {
+                        let x = (state[j][0] - field.centre[j][0]) / scales.range;
+                        [x * x, x * x * x]
+                    }
+                };
+                for (m, mode) in modes.into_iter().enumerate() {
+                    wide[(j * count + i, before + ENCODER_MODES * j + m)] = size * mode;
+                }
             }
         }
         *all = wide;
@@ -73,21 +85,34 @@ fn field(recording: &Recording) -> TorqueField {
             [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)]
         };
         let ranges = [0, 1, 2].map(range);
-        out.centre.push(ranges.map(|[low, high]| 0.5 * (low + high)));
-        out.half_extent.push(ranges.map(|[low, high]| (0.5 * (high - low)).max(1e-9)));
-        let driven = usize::from(recording.tree.motors[j].is_some());
-        let linear = (0..2 + driven).map(FieldShape::Linear);
+        let is_periodic = recording.tree.kinds[j] == JointKind::Revolute;
+        let (mut centre, mut half) = (
+            ranges.map(|[low, high]| 0.5 * (low + high)),
+            ranges.map(|[low, high]| (0.5 * (high - low)).max(1e-9)),
+        );
+        if is_periodic {
+            (centre[0], half[0]) = (0.0, PI);
+        }
+        out.is_periodic.push(is_periodic);
+        out.centre.push(centre);
+        out.half_extent.push(half);
+        let harmonics = (0..2).filter(|_| is_periodic).map(FieldShape::Harmonic);
+        let driven = recording.tree.motors[j].is_some();
+        let linear = (0..3).filter(|k| [!is_periodic, true, driven][*k]).map(FieldShape::Linear);
+        let (positions, velocities) = (if is_periodic { PERIODIC_BUMPS } else { BUMPS[0] }, BUMPS[1]);
         let bump = |k: usize| {
             let place = |k: usize, count: usize| 2.0 * k as f64 / (count - 1) as f64 - 1.0;
-            let [a, b] = BUMPS;
             let width = |count: usize| (2.0 / (count - 1) as f64).powi(-2);
+            let (p, v) = (k % positions, k / positions);
+            // The ends of a period are one place.
+            let count = if is_periodic { positions + 1 } else { positions };
             FieldShape::Bump {
-                centre: [place(k % a, a), place(k / a, b)],
-                inverse_square_width: [width(a), width(b)],
+                centre: [place(p, count), place(v, velocities)],
+                inverse_square_width: [width(count), width(velocities)],
             }
         };
-        let shapes =
-            [FieldShape::Constant].into_iter().chain(linear).chain((0..BUMPS[0] * BUMPS[1]).map(bump));
+        let bumps = (0..positions * velocities).map(bump);
+        let shapes = [FieldShape::Constant].into_iter().chain(harmonics).chain(linear).chain(bumps);
         out.functions.extend(shapes.map(|shape| TorqueFunction { joint: j, shape }));
     }
     out

@@ -9,6 +9,8 @@ use crate::world::mechanism::{JointMotion, JointRollout, JointTerm, TorqueField,
 /// Finite-difference step of a parameter in plausible sizes, and of an initial position and velocity relative to their scales.
 const PARAMETER_STEP: f64 = 1e-3;
 const STATE_STEP: f64 = 1e-4;
+/// The same of a function of a torque field, relative to its size: joints that stick respond to finite torques nonlinearly.
+const FIELD_STEP: f64 = 1e-2;
 
 /// Effects with their values.
 pub type Terms = Vec<JointTerm>;
@@ -50,7 +52,19 @@ impl Recording<'_> {
     /// Linearizations at parameter values and initial states (positions, then velocities, by segment); `None` if a simulation
     /// diverges.
     pub fn linearise(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Option<Vec<Linearization>> {
-        let slots = slots(terms);
+        let all = self.linearizations(terms, &slots(terms), states);
+        let finite = |l: &Linearization| {
+            l.residual.iter().chain(l.jacobian.iter()).chain(l.nuisances.iter()).all(|v| v.is_finite())
+        };
+        all.iter().all(finite).then_some(all)
+    }
+
+    /// The same by initial states alone; residuals of segments that diverge are not finite.
+    pub fn linearise_states(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Vec<Linearization> {
+        self.linearizations(terms, &[], states)
+    }
+
+    fn linearizations(&self, terms: &[JointTerm], slots: &[Slot], states: &[Vec<f64>]) -> Vec<Linearization> {
         let joints = self.noise.len();
         let steps: Vec<f64> = slots.iter().map(|slot| self.step(terms, *slot)).collect();
         let state_step = |k: usize| {
@@ -91,11 +105,7 @@ impl Recording<'_> {
                     nuisances: DMatrix::from_columns(&nuisances),
                 }
             });
-        let all: Vec<Linearization> = each.collect();
-        let finite = |l: &Linearization| {
-            l.residual.iter().chain(l.jacobian.iter()).chain(l.nuisances.iter()).all(|v| v.is_finite())
-        };
-        all.iter().all(finite).then_some(all)
+        each.collect()
     }
 
     /// Responses of all segments' observations to functions of a torque field of the sizes `torques`, N m.
@@ -111,7 +121,8 @@ impl Recording<'_> {
         for (segment, state) in self.segments.iter().zip(states) {
             let rollout = self.rollout(segment, terms, state);
             for (k, torque) in torques.iter().enumerate() {
-                rollouts.push(JointRollout { field: Some((field, vec![(k, *torque)])), ..rollout.clone() });
+                let coefficients = vec![(k, FIELD_STEP * torque)];
+                rollouts.push(JointRollout { field: Some((field, coefficients)), ..rollout.clone() });
             }
             rollouts.push(rollout);
         }
@@ -119,7 +130,7 @@ impl Recording<'_> {
         let each = motions.chunks(torques.len() + 1).map(|motions| {
             let base = rows(&motions[torques.len()], joints);
             let columns: Vec<DVector<f64>> =
-                motions[..torques.len()].iter().map(|m| rows(m, joints) - &base).collect();
+                motions[..torques.len()].iter().map(|m| (rows(m, joints) - &base) / FIELD_STEP).collect();
             DMatrix::from_fn(base.len(), columns.len(), |i, k| columns[k][i])
         });
         let all: Vec<DMatrix<f64>> = each.collect();

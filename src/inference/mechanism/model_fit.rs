@@ -20,6 +20,13 @@ use crate::progress::Progress;
 const MAX_STEPS: usize = 12;
 const MAX_HALVINGS: usize = 3;
 const TOLERANCE: f64 = 0.05;
+/// Maximum number of steps of initial states alone, beside a step of the parameters, and of searches of states in a fit; relative decrease of squares below which they end, and the factor of a step
+/// after a failure.
+const MAX_STATE_STEPS: usize = 12;
+const STATE_STEPS_BESIDE: usize = 3;
+const MAX_STATE_UPDATES: usize = 3;
+const STATE_TOLERANCE: f64 = 1e-3;
+const STATE_STEP_SHRINKAGE: f64 = 0.3;
 
 /// What all sets of effects share.
 pub struct Context<'a, 'b> {
@@ -47,7 +54,6 @@ pub struct JointFit {
 struct Iterate {
     terms: Terms,
     states: Vec<Vec<f64>>,
-    linearizations: Vec<Linearization>,
     groups: Vec<Group>,
     statistics: Vec<GroupStatistics>,
     prior: FixedEffectsPrior,
@@ -58,12 +64,45 @@ struct Iterate {
 impl Context<'_, '_> {
     /// Fits terms from values and states; `None` if they cannot be simulated.
     pub fn fit(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointFit>> {
-        let Some(mut best) = self.evaluate(terms, states)? else { return Ok(None) };
-        let mut fraction = 1.0;
-        let mut halvings = 0;
+        let Some(states) = self.best_states(&terms, states)? else { return Ok(None) };
+        let Some(first) = self.evaluate(terms, states)? else { return Ok(None) };
+        let mut best = self.converged(first)?;
+        for _ in 0..MAX_STATE_UPDATES {
+            // States that were found for other values may be in another optimum.
+            let Some(states) = self.best_states(&best.terms, best.states.clone())? else { break };
+            let Some(moved) = self.evaluate(best.terms.clone(), states)? else { break };
+            let again = self.converged(moved)?;
+            let gained = again.log_posterior - best.log_posterior;
+            if gained > 0.0 {
+                best = again;
+            }
+            if gained < TOLERANCE {
+                break;
+            }
+        }
+        Ok(Some(self.fitted(best)))
+    }
+
+    /// The initial states that fit each segment best, from some states and from the local polynomials; `None` if a segment cannot
+    /// be simulated.
+    fn best_states(&self, terms: &Terms, states: Vec<Vec<f64>>) -> Result<Option<Vec<Vec<f64>>>> {
+        let (own, squares) = self.settled(terms, states, MAX_STATE_STEPS)?;
+        let (fresh, others) = self.settled(terms, self.recording.initial_states(), MAX_STATE_STEPS)?;
+        let pick =
+            |w: usize| if others[w] < squares[w] { (&fresh[w], others[w]) } else { (&own[w], squares[w]) };
+        let all = (0..own.len())
+            .map(|w| Some(pick(w)).filter(|(_, square)| square.is_finite()).map(|(s, _)| s.clone()));
+        Ok(all.collect())
+    }
+
+    /// The most probable point from another one, by Gauss-Newton steps of the parameters with damping, the initial states those that
+    /// fit best.
+    fn converged(&self, mut best: Iterate) -> Result<Iterate> {
+        let (mut fraction, mut halvings) = (1.0, 0);
         for _ in 0..MAX_STEPS {
-            let next = self.stepped(&best, fraction);
-            let candidate = self.evaluate(next.0, next.1)?;
+            let terms = self.stepped(&best, fraction);
+            let (states, _) = self.settled(&terms, best.states.clone(), STATE_STEPS_BESIDE)?;
+            let candidate = self.evaluate(terms, states)?;
             match candidate.filter(|c| c.log_posterior > best.log_posterior) {
                 Some(candidate) => {
                     let gained = candidate.log_posterior - best.log_posterior;
@@ -77,7 +116,48 @@ impl Context<'_, '_> {
                 None => (fraction, halvings) = (0.4 * fraction, halvings + 1),
             }
         }
-        Ok(Some(self.fitted(best)))
+        Ok(best)
+    }
+
+    /// Initial states that fit each segment best, by Gauss-Newton steps with damping, and the squares.
+    fn settled(
+        &self,
+        terms: &Terms,
+        mut states: Vec<Vec<f64>>,
+        most: usize,
+    ) -> Result<(Vec<Vec<f64>>, Vec<f64>)> {
+        let recording = self.recording;
+        // By segment: the best square and states, and the step from there with its fraction.
+        let mut best: Vec<(f64, Vec<f64>)> = states.iter().map(|s| (f64::INFINITY, s.clone())).collect();
+        let mut steps: Vec<(Vec<f64>, f64)> = states.iter().map(|s| (vec![0.0; s.len()], 1.0)).collect();
+        for _ in 0..most {
+            self.progress.check_stop()?;
+            let mut is_done = true;
+            for (w, own) in recording.linearise_states(terms, &states).into_iter().enumerate() {
+                let segment = &recording.segments[w];
+                let right = recording.white(
+                    segment,
+                    &DMatrix::from_column_slice(own.residual.len(), 1, own.residual.as_slice()),
+                );
+                let (square, step) = (right.norm_squared(), &mut steps[w]);
+                if square < best[w].0 {
+                    is_done &= square > (1.0 - STATE_TOLERANCE) * best[w].0;
+                    best[w] = (square, states[w].clone());
+                    let solved =
+                        recording.white(segment, &own.nuisances).svd(true, true).solve(&right, 1e-12);
+                    *step =
+                        (solved.map_or_else(|_| vec![0.0; states[w].len()], |m| m.as_slice().to_vec()), 1.0);
+                } else {
+                    step.1 *= STATE_STEP_SHRINKAGE;
+                    is_done &= best[w].0.is_finite();
+                }
+                states[w] = best[w].1.iter().zip(&step.0).map(|(s, by)| s + step.1 * by).collect();
+            }
+            if is_done {
+                break;
+            }
+        }
+        Ok(best.into_iter().map(|(square, state)| (state, square)).unzip())
     }
 
     /// Log evidence of terms at values and states, by one linearization: what a fit promises.
@@ -95,7 +175,7 @@ impl Context<'_, '_> {
         let prior = self.prior(&terms);
         let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
         let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
-        Ok(Some(Iterate { terms, states, linearizations, groups, statistics, prior, laplace, log_posterior }))
+        Ok(Some(Iterate { terms, states, groups, statistics, prior, laplace, log_posterior }))
     }
 
     /// Prior of the terms' parameters, relative to their values.
@@ -171,30 +251,15 @@ impl Context<'_, '_> {
         }
     }
 
-    /// Terms and states after a fraction of the step to the mode.
-    fn stepped(&self, from: &Iterate, fraction: f64) -> (Terms, Vec<Vec<f64>>) {
-        let (mut terms, slots) = (from.terms.clone(), slots(&from.terms));
-        let mut step = fraction * &from.laplace.step;
-        for (k, slot) in slots.iter().enumerate() {
+    /// Terms after a fraction of the step to the mode.
+    fn stepped(&self, from: &Iterate, fraction: f64) -> Terms {
+        let mut terms = from.terms.clone();
+        for (k, slot) in slots(&from.terms).iter().enumerate() {
             let [low, high] = declaration(&terms, *slot).bounds;
             let value = &mut terms[slot.term].values[slot.parameter];
-            let moved = (*value + step[k]).clamp(low, high);
-            step[k] = moved - *value;
-            *value = moved;
+            *value = (*value + fraction * from.laplace.step[k]).clamp(low, high);
         }
-        let mut states = from.states.clone();
-        for (w, (own, state)) in from.linearizations.iter().zip(&mut states).enumerate() {
-            let mut left = &own.residual - &own.jacobian * step.rows(0, slots.len());
-            if let Some(discrepancy) = &self.discrepancy {
-                left -= &discrepancy.responses[w] * step.rows(slots.len(), discrepancy.responses[w].ncols());
-            }
-            let white = |m: &DMatrix<f64>| self.recording.white(&self.recording.segments[w], m);
-            let right = white(&DMatrix::from_column_slice(left.len(), 1, left.as_slice()));
-            if let Ok(moved) = white(&own.nuisances).svd(true, true).solve(&right, 1e-12) {
-                state.iter_mut().zip(moved.iter()).for_each(|(s, by)| *s += by);
-            }
-        }
-        (terms, states)
+        terms
     }
 
     fn fitted(&self, best: Iterate) -> JointFit {

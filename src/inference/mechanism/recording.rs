@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::inference::kernels;
 use crate::inference::statistics::median;
 use crate::reality::JointTrial;
+use crate::task::joint::JointKind;
 use crate::world::mechanism::effect::JointScale;
 use crate::world::mechanism::{JointTerm, Tree, required_torques};
 
@@ -90,7 +91,7 @@ impl<'a> Recording<'a> {
         let joints = tree.links.len();
         let first: Vec<Vec<Vec<[f64; 3]>>> =
             trials.iter().map(|t| local_states(t, |_| FIRST_HALF_WIDTH)).collect();
-        let period = typical_period(&first);
+        let period = typical_period(tree, &first);
         let half_width = |t: &JointTrial| {
             let interval = (t.times[t.times.len() - 1] - t.times[0]) / (t.times.len() - 1) as f64;
             ((0.5 * WINDOW_PERIODS * period / interval) as usize).clamp(MIN_HALF_WIDTH, t.times.len() / 2)
@@ -115,11 +116,6 @@ impl<'a> Recording<'a> {
         let noise = (0..joints).map(|j| noise_sd(trials, j)).collect();
         let scales = joint_scales(tree, trials, &segments)?;
         Ok(Recording { tree, scene_terms, trials, segments, noise, scales })
-    }
-
-    /// Observed times of a segment, s.
-    pub fn times(&self, segment: &JointSegment) -> &[f64] {
-        &self.trials[segment.trial].times[segment.range.clone()]
     }
 
     /// Initial states of all segments from the local polynomials: positions, then velocities.
@@ -195,14 +191,20 @@ fn local_states(trial: &JointTrial, half_width: impl Fn(&JointTrial) -> usize) -
     (0..count).map(at).collect()
 }
 
-/// 2 pi rms(v) / rms(a), of the joint with the shortest.
-fn typical_period(states: &[Vec<Vec<[f64; 3]>>]) -> f64 {
-    let joints = states[0][0].len();
+/// The shortest over joints of 2 pi rms(v) / rms(a), and of the duration of a revolution at the typical velocity.
+fn typical_period(tree: &Tree, states: &[Vec<Vec<[f64; 3]>>]) -> f64 {
     let of = |j: usize| {
-        let square = |k: usize| states.iter().flatten().map(|s| s[j][k] * s[j][k]).sum::<f64>();
-        2.0 * PI * (square(1) / square(2).max(1e-300)).sqrt()
+        let rms = |k: usize| {
+            let squares = states.iter().flatten().map(|s| s[j][k] * s[j][k]);
+            (squares.sum::<f64>() / states.iter().map(Vec::len).sum::<usize>() as f64).sqrt()
+        };
+        let oscillation = rms(1) / rms(2).max(1e-300);
+        match tree.kinds[j] {
+            JointKind::Revolute => 2.0 * PI * oscillation.min(1.0 / rms(1).max(1e-300)),
+            JointKind::Prismatic => 2.0 * PI * oscillation,
+        }
     };
-    (0..joints).map(of).filter(|p| *p > 0.0).fold(f64::INFINITY, f64::min).min(1e6)
+    (0..tree.links.len()).map(of).filter(|p| *p > 0.0).fold(f64::INFINITY, f64::min).min(1e6)
 }
 
 /// Noise by third differences, and not less than that of rounding to the smallest observed difference.
@@ -254,10 +256,18 @@ fn joint_scales(tree: &Tree, trials: &[JointTrial], segments: &[JointSegment]) -
             missing_torque: missing,
             length: link.tip[0].hypot(link.tip[1]).max(1e-9),
             mass: link.mass,
-            range: (0.5 * (ranges[j][1] - ranges[j][0])).max(1e-9),
+            range: (0.5 * (ranges[j][1] - ranges[j][0])).clamp(1e-9, most_range(tree.kinds[j])),
         }
     };
     Ok((0..joints).map(scale).collect())
+}
+
+/// Largest half range of positions: a joint that turns is periodic.
+fn most_range(kind: JointKind) -> f64 {
+    match kind {
+        JointKind::Revolute => PI,
+        JointKind::Prismatic => f64::INFINITY,
+    }
 }
 
 /// Torque of a joint's motor as commanded.

@@ -17,6 +17,8 @@ use crate::world::mechanism::effect::REGISTRY;
 /// Number of sets that are extended, and of extensions of each that are fitted.
 const PARENTS: usize = 3;
 const EXTENSIONS: usize = 6;
+/// Starts of a set that are fitted.
+const MAX_STARTS: usize = 3;
 /// Effects of the richest model, in every joint that can have them.
 const RICHEST: [&str; 4] = ["viscous_friction", "coulomb_friction", "torque_offset", "motor_gain"];
 /// Plausible trial discrepancy as a share of the range of positions, and in units of the noise.
@@ -153,13 +155,30 @@ fn starts(fit: &JointFit, candidate: &Candidate) -> Vec<Start> {
 /// The most probable fit over starts.
 fn best_of(context: &Context, set: Vec<Start>) -> Result<Option<JointFit>> {
     let mut best: Option<JointFit> = None;
-    for (terms, states) in set {
+    for (terms, states) in most_promising(context, set)? {
         let Some(fit) = context.fit(terms, states)? else { continue };
         if best.as_ref().is_none_or(|b| fit.log_evidence > b.log_evidence) {
             best = Some(fit);
         }
     }
     Ok(best)
+}
+
+/// The starts that promise most, at most [`MAX_STARTS`].
+fn most_promising(context: &Context, set: Vec<Start>) -> Result<Vec<Start>> {
+    if set.len() <= MAX_STARTS {
+        return Ok(set);
+    }
+    let promised: Vec<Result<(f64, Start)>> = set
+        .into_par_iter()
+        .map(|start| {
+            let log_evidence = context.promise(start.0.clone(), &start.1)?;
+            Ok((log_evidence.unwrap_or(f64::NEG_INFINITY), start))
+        })
+        .collect();
+    let mut promised = promised.into_iter().collect::<Result<Vec<_>>>()?;
+    promised.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(promised.into_iter().take(MAX_STARTS).map(|(_, start)| start).collect())
 }
 
 /// The most promising sets of a size, each once.
@@ -181,7 +200,7 @@ fn extensions(
             .par_iter()
             .filter(|c| fresh(c))
             .map(|candidate| {
-                let starts = starts(fit, candidate);
+                let starts = starts(fit, &found.after_single(candidate));
                 let mut most = f64::NEG_INFINITY;
                 for (terms, states) in &starts {
                     most = context.promise(terms.clone(), states)?.unwrap_or(f64::NEG_INFINITY).max(most);
@@ -190,6 +209,8 @@ fn extensions(
             })
             .collect();
         let mut promised = promised.into_iter().collect::<Result<Vec<_>>>()?;
+        // The linearization overestimates what a fit reaches.
+        promised.retain(|(log_evidence, _)| log_evidence + log_prior(size) > found.best());
         promised.sort_by(|a, b| b.0.total_cmp(&a.0));
         for (_, starts) in promised.into_iter().take(EXTENSIONS) {
             let mut own: Vec<(&str, usize)> = starts[0].0.iter().map(|t| (t.effect.name, t.joint)).collect();
@@ -204,6 +225,18 @@ fn extensions(
 }
 
 impl JointSearch {
+    /// The candidate with the shape that fits best alone, where shapes have many starting values.
+    fn after_single(&self, candidate: &Candidate) -> Candidate {
+        let own = &candidate.starts[0];
+        let is_own = |t: &JointTerm| t.joint == own.joint && t.effect.name == own.effect.name;
+        match self.fits.iter().find(|fit| fit.terms.len() == 1 && is_own(&fit.terms[0])) {
+            Some(fit) if candidate.starts.len() > MAX_STARTS => {
+                Candidate { starts: vec![fit.terms[0].clone()] }
+            }
+            _ => candidate.clone(),
+        }
+    }
+
     /// Largest log posterior, the base model included.
     fn best(&self) -> f64 {
         self.log_posterior.iter().copied().fold(self.base.log_evidence, f64::max)

@@ -90,7 +90,8 @@ impl<'a> Batch<'a> {
         for (lane, rollout) in self.rollouts.iter().enumerate() {
             for (joint, command) in self.commands.iter_mut().enumerate() {
                 if rollout.commands.drives(joint) {
-                    let from = rollout.start + f64::from(step) * self.time_step - rollout.delays(joint)[0];
+                    let from =
+                        rollout.first_time() + f64::from(step) * self.time_step - rollout.delays(joint)[0];
                     command[lane] = rollout.commands.mean(joint, [from, from + self.time_step]);
                 }
             }
@@ -262,20 +263,15 @@ impl<'a> Observer<'a> {
     /// Records the observations up to the end of a step.
     fn observe(&mut self, lane: usize, step: u32, batch: &Batch, before: &(Vec<V>, Vec<V>)) {
         let h = batch.time_step;
-        let from = self.rollout.start + f64::from(step - 1) * h;
+        let from = self.rollout.first_time() + f64::from(step - 1) * h;
         // A thousandth of a step: times are rounded.
         let end = from + 1.001 * h;
         for j in 0..self.next.len() {
             let lag = self.rollout.delays(j)[1];
             while let Some(time) = self.rollout.times.get(self.next[j]).filter(|time| **time - lag <= end) {
-                // Before the start a position continues at the initial velocity.
-                let s = (time - lag - from) / h;
-                let [p0, v0, p1, v1] =
-                    [before.0[j], before.1[j], batch.position[j], batch.velocity[j]].map(|v| v[lane]);
-                let (position, velocity) = match s < 0.0 {
-                    true => (p0 + s * h * v0, v0),
-                    false => hermite([p0, v0 * h, p1, v1 * h], s, h),
-                };
+                let ends = [before.0[j], before.1[j], batch.position[j], batch.velocity[j]];
+                let [p0, v0, p1, v1] = ends.map(|v| v[lane]);
+                let (position, velocity) = hermite([p0, v0 * h, p1, v1 * h], (time - lag - from) / h, h);
                 let k = self.next[j];
                 self.motion.positions[k][j] = self.rollout.measured(j, position);
                 self.motion.velocities[k][j] = velocity;

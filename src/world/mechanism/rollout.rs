@@ -16,7 +16,7 @@ use crate::world::effect::LANES;
 pub struct JointRollout<'a> {
     pub tree: &'a Tree,
     pub terms: Vec<JointTerm>,
-    /// Initial positions and velocities of the joints, at `start`, s.
+    /// Initial positions and velocities of the joints, as measured at `start`, s: with encoders that lag, of that much earlier.
     pub position: Vec<f64>,
     pub velocity: Vec<f64>,
     pub start: f64,
@@ -65,6 +65,11 @@ impl JointRollout<'_> {
             own.map(|t| t.values[0]).sum::<f64>()
         };
         [of(|law| matches!(law, JointLaw::CommandDelay)), of(|law| matches!(law, JointLaw::EncoderLag))]
+    }
+
+    /// Time at which the simulation begins, s.
+    pub(super) fn first_time(&self) -> f64 {
+        self.start - (0..self.tree.links.len()).map(|j| self.delays(j)[1]).fold(0.0, f64::max)
     }
 
     /// Measured position for the actual one of a joint.

@@ -16,7 +16,7 @@ pub static EFFECT: JointEffect = JointEffect {
         parameter("b", "N m", [-1e6, 1e6], 0.1, JointScale::Torque),
         JointParameter {
             neutral: 6.0,
-            starts: &[-2.0, 0.0, 2.0, 6.0, 10.0, 18.0],
+            starts: &STARTS,
             ..parameter("n", "1/rad", [3.0, 60.0], 12.0, JointScale::Absolute)
         },
     ],
@@ -32,3 +32,14 @@ impl TorqueLaw for Cogging {
         values[0] * sine + values[1] * cosine
     }
 }
+
+/// Every whole number of periods in a revolution, up to 60.
+const STARTS: [f64; 57] = {
+    let mut all = [0.0; 57];
+    let mut k = 0;
+    while k < all.len() {
+        all[k] = k as f64 - 2.0;
+        k += 1;
+    }
+    all
+};
