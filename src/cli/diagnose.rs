@@ -12,13 +12,16 @@ use iplw::report::diagnosis::{self, DiagnosisDocument};
 use iplw::world::effect;
 
 use super::compact_json::compact_json;
-use super::{output, track_options};
+use super::{joints, output, track_options};
 
 /// Find out what a simulation gets wrong, from measured trials.
 ///
 /// Compares measured trials with the simulation of a scene and names the missing effect with its parameters; several effects if the data
 /// don't discriminate between them; or none if no effect in the library explains the misfit. Writes report.json, report.html,
 /// extended_scene.json and figures.
+///
+/// The scene may have joints and motors (iplw.scene/2): trials are then measured joint positions and commands, as CSV with the columns
+/// trial, t, every joint by its name, and JOINT.command for every motor; report.json and extended_scene.json are written.
 #[derive(clap::Args)]
 #[command(after_long_help = track_options::EXAMPLES)]
 pub struct Args {
@@ -32,11 +35,15 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    let seed = args.request.seed.unwrap_or(0);
+    if let Some(read) = track_options::read_joints(&args.tracks)? {
+        return joints::diagnose(&read.scene, &read.files, seed, &args.out);
+    }
     let LoadedTrials { scene, trials, .. } = track_options::read(&args.tracks)?;
     output::prepare_directory("--out", &args.out)?;
     let bar = output::TerminalProgress::new();
     bar.report("segmenting trials", 0, 1)?;
-    let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(args.request.seed.unwrap_or(0)), &bar)?;
+    let found = diagnose(&scene, &trials, &DiagnosisConfig::standard(seed), &bar)?;
     bar.clear();
     write_report(&args.out, &found)?;
     output::print(&summary(&found.diagnosis, &args.out))

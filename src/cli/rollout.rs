@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
+use iplw::task::scene::JOINT_FORMAT;
 use iplw::trajectory::{Contact, Termination, Trajectory};
 use iplw::world::{Engine, Rollout, Simulator, select_engine};
 use serde::Serialize;
 
+use super::joints;
 use super::output;
 use super::rollout_arrays::{self, ArrayRollouts};
 
@@ -17,7 +19,8 @@ use super::rollout_arrays::{self, ArrayRollouts};
 ///
 /// Simulates scenes. Each line of the input is a scene (`iplw.scene/1`); each line of the output is its trajectory:
 /// `{"solved", "steps", "t", "bodies": {name: {"x", "y", "angle"}}, "contacts": {...}}`.
-/// All lines are checked before anything is simulated or written.
+/// All lines are checked before anything is simulated or written. Scenes with joints (`iplw.scene/2`) give
+/// `{"t", "joints": {name: {"position", "velocity"}}}`.
 ///
 /// With --scene, many rollouts of one scene as arrays: --in is an archive of NumPy arrays (`numpy.savez`) whose first
 /// axis is the rollout: `position` and `velocity` (rollouts, bodies, 2), `angle` and `angular_velocity` (rollouts, bodies),
@@ -33,6 +36,9 @@ pub struct Args {
     /// Scene file of which --in varies initial states, latents and effects as NumPy arrays.
     #[arg(long, value_name = "FILE", requires_all = ["input", "out"])]
     scene: Option<PathBuf>,
+    /// Commands of the motors of scenes with joints (CSV: t, and a column JOINT.command for each motor; a value holds until the next row).
+    #[arg(long, value_name = "FILE", conflicts_with = "scene")]
+    commands: Option<PathBuf>,
     /// Write outcomes only, without samples; with --scene.
     #[arg(long, requires = "scene")]
     no_samples: bool,
@@ -58,6 +64,9 @@ pub fn run(args: &Args) -> Result<()> {
         return run_arrays(args, engine, scene);
     }
     let (name, text) = read(&args.input)?;
+    if text.lines().next().is_some_and(|line| line.contains(JOINT_FORMAT)) {
+        return run_joints(args, &name, &text);
+    }
     let (mut scenes, mut engines) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let place = format!("{name}:{}", i + 1);
@@ -81,6 +90,24 @@ pub fn run(args: &Args) -> Result<()> {
         }
     }
     file.map_or(Ok(()), |path| output::write_whole(&path, &results))
+}
+
+/// Rollouts of scenes with joints, one per line; all lines have joints.
+fn run_joints(args: &Args, name: &str, text: &str) -> Result<()> {
+    let commands = args.commands.as_ref().map(|path| read(&path.display().to_string())).transpose()?;
+    let mut results = Vec::new();
+    for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
+        let place = format!("{name}:{}", i + 1);
+        let record = Scene::from_json(line)
+            .and_then(|scene| joints::rollout(&scene, commands.as_ref().map(|(_, text)| text.as_str())))
+            .map_err(|e| at_line(e, &place))?;
+        serde_json::to_writer(&mut results, &record).map_err(|e| Error::Failed(e.to_string()))?;
+        results.push(b'\n');
+    }
+    match args.out.as_str() {
+        "-" => output::print(&String::from_utf8_lossy(&results)),
+        out => output::write_whole(Path::new(out), &results),
+    }
 }
 
 fn run_arrays(args: &Args, engine: Engine, scene: &Path) -> Result<()> {

@@ -21,7 +21,7 @@ pub struct TrackOptions {
     /// `trial` is one trial, named after the file.
     #[arg(long, required = true, value_name = "FILE", num_args = 1..)]
     trials: Vec<PathBuf>,
-    /// Scene of the trials (iplw.scene/1); for a single ball, --radius replaces it.
+    /// Scene of the trials (iplw.scene/1, or /2 with joints); for a single ball, --radius replaces it.
     #[arg(long, value_name = "FILE", conflicts_with = "BallScene")]
     scene: Option<PathBuf>,
     #[command(flatten, next_help_heading = "A single ball, instead of --scene")]
@@ -52,6 +52,23 @@ pub fn read(args: &TrackOptions) -> Result<LoadedTrials> {
         eprintln!("note: {}", with_option_names::<TrackOptions>(note));
     }
     Ok(loaded)
+}
+
+/// A scene with joints and the texts of its recordings.
+pub struct JointFiles {
+    pub scene: Scene,
+    pub files: Vec<(PathBuf, String)>,
+}
+
+/// The scene with the texts of all files, if it has joints.
+pub fn read_joints(args: &TrackOptions) -> Result<Option<JointFiles>> {
+    let Some(path) = &args.scene else { return Ok(None) };
+    let scene = Scene::from_json(&text(path)?).map_err(|e| e.in_file(path.display()))?;
+    if scene.joints.is_empty() {
+        return Ok(None);
+    }
+    let files = args.trials.iter().map(|path| Ok((path.clone(), text(path)?)));
+    Ok(Some(JointFiles { files: files.collect::<Result<_>>()?, scene }))
 }
 
 fn request(args: &TrackOptions) -> Result<DiagnosisRequest> {

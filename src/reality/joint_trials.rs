@@ -62,6 +62,23 @@ pub fn joint_trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<JointTrial
     }
 }
 
+/// Parses commands of motors alone: `t` and a column `JOINT.command` for each motor.
+pub fn commands_from_csv(text: &str, scene: &Scene) -> Result<Commands> {
+    let tree = Tree::of(scene)?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|e| unreadable(&e))?.clone();
+    let columns = Columns::of_commands(&header, &tree)?;
+    let mut rows = TrialRows::default();
+    for record in reader.records() {
+        let record = record.map_err(|e| unreadable(&e))?;
+        rows.add(&record, &columns, record.position().map_or(0, |p| p.line()))?;
+    }
+    match rows.times.is_empty() {
+        true => Err(Error::input("rows", "none", "a row for each change of the commands")),
+        false => Ok(Commands::new(rows.times, rows.commands)),
+    }
+}
+
 /// Places of the columns.
 struct Columns {
     trial: usize,
@@ -74,17 +91,14 @@ struct Columns {
 
 impl Columns {
     fn of(header: &csv::StringRecord, tree: &Tree) -> Result<Columns> {
-        let find = |name: &str| header.iter().position(|column| column == name);
-        let need = |name: &str| {
-            find(name).ok_or_else(|| {
-                let have: Vec<&str> = header.iter().take(2 * MAX_JOINTS + 2).collect();
-                Error::input(
-                    format!("column {name}"),
-                    "missing",
-                    format!("columns trial, t and every joint; the file has {}", have.join(", ")),
-                )
-            })
-        };
+        let mut out = Columns::of_commands(header, tree)?;
+        out.trial = out.place("trial")?;
+        out.positions = tree.names.iter().map(|name| out.place(name)).collect::<Result<_>>()?;
+        Ok(out)
+    }
+
+    /// Times and commands alone.
+    fn of_commands(header: &csv::StringRecord, tree: &Tree) -> Result<Columns> {
         let known = |column: &str| {
             let joint = column.strip_suffix(COMMAND_SUFFIX).unwrap_or(column);
             column == "trial" || column == "t" || tree.joint(joint).is_some()
@@ -94,23 +108,32 @@ impl Columns {
                 format!("trial, t, and with or without {COMMAND_SUFFIX}: {}", tree.names.join(", "));
             return Err(Error::input(format!("column {unknown}"), "unknown", allowed));
         }
-        let commands: Vec<Option<usize>> =
-            tree.names.iter().map(|n| find(&format!("{n}{COMMAND_SUFFIX}"))).collect();
-        for (joint, (column, motor)) in tree.names.iter().zip(commands.iter().zip(&tree.motors)) {
-            if column.is_some() != motor.is_some() {
-                let (value, allowed) = match motor {
-                    Some(_) => ("missing", "the commands of the joint's motor"),
-                    None => ("given", "absent: the joint has no motor"),
-                };
-                return Err(Error::input(format!("column {joint}{COMMAND_SUFFIX}"), value, allowed));
-            }
+        let names: Vec<String> = header.iter().map(String::from).collect();
+        let mut out = Columns { trial: 0, time: 0, positions: Vec::new(), commands: Vec::new(), names };
+        out.time = out.place("t")?;
+        for (joint, motor) in tree.names.iter().zip(&tree.motors) {
+            let column = out.place(&format!("{joint}{COMMAND_SUFFIX}"));
+            out.commands.push(match motor {
+                Some(_) => Some(column?),
+                None if column.is_ok() => {
+                    let allowed = "absent: the joint has no motor";
+                    return Err(Error::input(format!("column {joint}{COMMAND_SUFFIX}"), "given", allowed));
+                }
+                None => None,
+            });
         }
-        Ok(Columns {
-            trial: need("trial")?,
-            time: need("t")?,
-            positions: tree.names.iter().map(|n| need(n)).collect::<Result<_>>()?,
-            commands,
-            names: header.iter().map(String::from).collect(),
+        Ok(out)
+    }
+
+    /// Place of a column that must exist.
+    fn place(&self, name: &str) -> Result<usize> {
+        self.names.iter().position(|column| column == name).ok_or_else(|| {
+            let have: Vec<&str> = self.names.iter().take(2 * MAX_JOINTS + 2).map(String::as_str).collect();
+            Error::input(
+                format!("column {name}"),
+                "missing",
+                format!("a column of this name; the file has {}", have.join(", ")),
+            )
         })
     }
 

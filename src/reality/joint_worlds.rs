@@ -304,6 +304,7 @@ fn random_term(
         let size = p.plausible * scale * stream.random_range(SIZES[0]..SIZES[1]);
         let up = p.bounds[0] >= p.neutral || p.bounds[1] > p.neutral && stream.random_bool(0.5);
         let value = if up { p.neutral + size } else { p.neutral - size };
+        let value = if p.is_whole { value.round() } else { value };
         // A factor far below one half is no plausible error.
         value.clamp(p.bounds[0].max(if p.neutral == 1.0 { 0.3 } else { f64::NEG_INFINITY }), p.bounds[1])
     };
@@ -314,7 +315,8 @@ fn random_term(
 fn varied(term: &JointTerm, stream: &mut Stream) -> JointTerm {
     let z: f64 = StandardNormal.sample(stream);
     let value = |(v, p): (&f64, &crate::world::mechanism::effect::JointParameter)| {
-        (p.neutral + (1.0 + SIZE_SD * z) * (v - p.neutral)).clamp(p.bounds[0], p.bounds[1])
+        let varied = p.neutral + (1.0 + SIZE_SD * z) * (v - p.neutral);
+        if p.is_whole { *v } else { varied.clamp(p.bounds[0], p.bounds[1]) }
     };
     JointTerm { values: term.values.iter().zip(term.effect.parameters).map(value).collect(), ..*term }
 }

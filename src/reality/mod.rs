@@ -12,7 +12,7 @@ mod track_files;
 mod trials_csv;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, real_world, standard};
-pub use joint_trials::{JointTrial, joint_trials_from_csv};
+pub use joint_trials::{JointTrial, commands_from_csv, joint_trials_from_csv};
 pub use text_encoding::decode;
 pub use track_files::{LoadedTrials, Subject, TrackFile, TrackParseOptions, load_tracks};
 pub use trials_csv::{read_trials_csv, trials_from_csv, trials_to_csv, write_trials_csv};

@@ -13,6 +13,7 @@ mod families_cli;
 mod foreign_files;
 mod gpu_cli;
 mod import_cli;
+mod joints_cli;
 mod kernel;
 mod language;
 mod layers;

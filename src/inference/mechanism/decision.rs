@@ -14,6 +14,8 @@ use crate::inference::selection::{SETTINGS, at_scale};
 use crate::rng;
 use crate::world::mechanism::JointTerm;
 
+/// Size of an effect in standard deviations of the largest plausible discrepancy from which it is named.
+const MIN_DISCREPANCY_SD: f64 = 2.0;
 /// Draws of the Bayesian bootstrap over trials, and number of held-out parts.
 const DRAWS: usize = 1000;
 const FOLDS: usize = 5;
@@ -102,17 +104,19 @@ fn beyond_discrepancy(context: &Context, found: &JointSearch, sets: &[usize]) ->
     Some(out)
 }
 
-/// Whether the response to an effect is larger than two standard deviations of the largest plausible discrepancy.
+/// Whether the response to an effect is larger than two standard deviations of the largest plausible discrepancy along it.
 fn is_beyond(context: &Context, fit: &JointFit, term: usize) -> bool {
     let Some(discrepancy) = &context.discrepancy else { return true };
-    let shared = fit.prior.mean_offset.len();
-    let (mut effect, mut largest) = (0.0, 0.0);
+    let first = fit.prior.mean_offset.len();
+    let mut square = 0.0;
+    let mut along = DVector::zeros(fit.laplace.step.len() - first);
     for block in fit.groups.iter().flat_map(|group| &group.blocks) {
         // Columns of the effects' sizes follow those of the torques that differ by trial.
-        effect += block.z_group.column(discrepancy.constant[0].ncols() + term).norm_squared();
-        largest += block.jacobian.columns(shared, block.jacobian.ncols() - shared).norm_squared();
+        let response = block.z_group.column(discrepancy.constant[0].ncols() + term);
+        square += response.norm_squared();
+        along += block.jacobian.columns(first, along.len()).tr_mul(&response);
     }
-    effect > 4.0 * largest
+    square * square > MIN_DISCREPANCY_SD.powi(2) * along.norm_squared()
 }
 
 /// Whether a broad torque field is certain beside a model.

@@ -2,7 +2,7 @@
 //! smooth error of each encoder, the same in all trials.
 //!
 //! The largest plausible torque is sqrt((1 % of the typical torque)^2 + (6 % of the torque that the simulation lacks)^2), the
-//! largest encoder error 0.3 % of the range: the shares of the shared discrepancy of bodies.
+//! shares of the shared discrepancy of bodies; the largest encoder error is 0.1 % of the range.
 
 use std::f64::consts::PI;
 
@@ -20,6 +20,8 @@ const BUMPS: [usize; 2] = [5, 4];
 const PERIODIC_BUMPS: usize = 6;
 /// Encoder errors: smooth functions of the position.
 const ENCODER_MODES: usize = 2;
+/// Largest plausible encoder error as a share of the range of positions.
+const ENCODER_OF_RANGE: f64 = 0.001;
 
 /// Responses of all segments to the shared discrepancy.
 pub struct JointDiscrepancy {
@@ -53,7 +55,7 @@ pub fn discrepancy(recording: &Recording, terms: &Terms, states: &[Vec<f64>]) ->
         let mut wide = std::mem::replace(all, DMatrix::zeros(0, 0))
             .resize_horizontally(before + ENCODER_MODES * joints, 0.0);
         for (j, scales) in recording.scales.iter().enumerate() {
-            let size = SETTINGS.discrepancy_of_position * scales.range;
+            let size = ENCODER_OF_RANGE * scales.range;
             for (i, state) in segment.states.iter().enumerate() {
                 let modes = match recording.tree.kinds[j] {
                     JointKind::Revolute => <[f64; 2]>::from(libm::sincos(state[j][0])),

@@ -30,10 +30,13 @@ pub struct Slot {
     pub parameter: usize,
 }
 
-/// Parameters of terms in order.
+/// Parameters of terms in order, those that are whole numbers left out.
 pub fn slots(terms: &[JointTerm]) -> Vec<Slot> {
-    let of =
-        |(term, t): (usize, &JointTerm)| (0..t.values.len()).map(move |parameter| Slot { term, parameter });
+    let of = |(term, t): (usize, &JointTerm)| {
+        let parameters = t.effect.parameters;
+        let free = (0..parameters.len()).filter(|p| !parameters[*p].is_whole);
+        free.map(move |parameter| Slot { term, parameter })
+    };
     terms.iter().enumerate().flat_map(of).collect()
 }
 

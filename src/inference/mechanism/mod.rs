@@ -41,3 +41,46 @@ pub fn diagnose_joints(
     let decision = decide(&context, &found, seed)?;
     Ok(report::build(scene, &recording, &found, &decision, seed))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::report::Verdict;
+    use crate::progress::NoProgress;
+    use crate::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
+    use crate::world::mechanism::effect::find;
+
+    const PLAN: RecordingPlan = RecordingPlan { trials: 6, duration: 2.0, rate: 50.0, noise: 1e-3 };
+
+    fn diagnosed(
+        mechanism: Mechanism,
+        hidden: Option<(&str, usize)>,
+        seed: u64,
+    ) -> (JointWorld, JointDiagnosis) {
+        let hidden = hidden.map(|(name, joint)| (find(name).unwrap(), joint));
+        let world = mechanism.world(hidden, &PLAN, seed).unwrap();
+        let found = diagnose_joints(&world.scene, &world.trials, 2, 0, &NoProgress).unwrap();
+        (world, found)
+    }
+
+    #[test]
+    fn a_hidden_effect_is_named_with_its_size() {
+        for (mechanism, effect, joint) in
+            [(Mechanism::Pendulum, "motor_gain", 0), (Mechanism::CartPole, "viscous_friction", 1)]
+        {
+            let (world, found) = diagnosed(mechanism, Some((effect, joint)), 7);
+            let truth = world.truth.unwrap().values[0];
+            assert_eq!(found.verdict, Verdict::Named, "{}", found.reason);
+            assert_eq!(found.effects[0].effect, effect, "{}", found.reason);
+            let estimate = &found.effects[0].parameters[0];
+            assert!((estimate.value - truth).abs() < 4.0 * estimate.sd, "{estimate:?} for {truth}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_named_if_nothing_is_hidden() {
+        let (_, found) = diagnosed(Mechanism::Pendulum, None, 8);
+        assert_eq!(found.verdict, Verdict::None, "{}", found.reason);
+        assert!(found.effects.is_empty());
+    }
+}

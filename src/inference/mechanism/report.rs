@@ -133,19 +133,20 @@ fn estimates(recording: &Recording, fit: &JointFit, inclusion: &[(String, f64)])
     let slots = slots(&fit.terms);
     let of = |(t, term): (usize, &crate::world::mechanism::JointTerm)| {
         let own = name(recording, term.effect.name, term.joint);
-        let parameters = slots.iter().enumerate().filter(|(_, slot)| slot.term == t).map(|(k, slot)| {
-            let declared = &term.effect.parameters[slot.parameter];
-            let (value, sd) = (term.values[slot.parameter], fit.laplace.covariance[(k, k)].sqrt());
-            let end =
-                |sign: f64| (value + sign * WIDTH_95 * sd).clamp(declared.bounds[0], declared.bounds[1]);
-            JointParameterEstimate {
-                name: declared.name.into(),
-                unit: declared.unit.into(),
-                value,
-                sd,
-                interval_95: [end(-1.0), end(1.0)],
-            }
-        });
+        let parameters =
+            term.effect.parameters.iter().zip(&term.values).enumerate().map(|(p, (declared, value))| {
+                let slot = slots.iter().position(|slot| slot.term == t && slot.parameter == p);
+                let sd = slot.map_or(0.0, |k| fit.laplace.covariance[(k, k)].sqrt());
+                let end =
+                    |sign: f64| (value + sign * WIDTH_95 * sd).clamp(declared.bounds[0], declared.bounds[1]);
+                JointParameterEstimate {
+                    name: declared.name.into(),
+                    unit: declared.unit.into(),
+                    value: *value,
+                    sd,
+                    interval_95: [end(-1.0), end(1.0)],
+                }
+            });
         JointEffectEstimate {
             effect: term.effect.name.into(),
             joint: recording.tree.names[term.joint].clone(),

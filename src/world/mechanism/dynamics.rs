@@ -212,6 +212,7 @@ fn composites<R: Register, const N: usize, const D: usize>(
 
 /// Solves H a = b by elimination without pivots, H symmetric and positive definite, given below its diagonal.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
 fn solve<R: Register, const N: usize, const D: usize>(
     n: usize,
     h: &mut [[Wide<R, N>; D]; D],

@@ -1,4 +1,4 @@
-//! Cogging: a torque that is periodic in the position: tau = a sin(n q) + b cos(n q).
+//! Cogging: a torque that is periodic in the position: tau = a sin(n q) + b cos(n q), n times in a revolution.
 
 use super::{
     Applicability, JointEffect, JointLaw, JointParameter, JointScale, JointState, MAX_PARAMETERS, TorqueLaw,
@@ -17,6 +17,7 @@ pub static EFFECT: JointEffect = JointEffect {
         JointParameter {
             neutral: 6.0,
             starts: &STARTS,
+            is_whole: true,
             ..parameter("n", "1/rad", [3.0, 60.0], 12.0, JointScale::Absolute)
         },
     ],

@@ -88,6 +88,8 @@ pub struct JointParameter {
     pub scale: JointScale,
     /// Starting values for the search, in units of `scale` from the neutral value.
     pub starts: &'static [f64],
+    /// Whether it is a whole number: the search tries its starting values alone.
+    pub is_whole: bool,
 }
 
 /// The unit of a parameter's plausible size, from the mechanism and the recording.
@@ -107,6 +109,9 @@ pub enum JointScale {
     Length,
 }
 
+/// Changes links by values: index of the joint, parents of all links, links.
+pub type LinkChange = fn(&[f64], usize, &[Option<usize>], &mut [Link]);
+
 /// The law of an effect, by kind; values are those of its parameters.
 #[derive(Clone, Copy)]
 pub enum JointLaw {
@@ -114,8 +119,8 @@ pub enum JointLaw {
     Torque(&'static dyn TorqueLaw),
     /// Change of the motor's torque.
     Drive(&'static dyn DriveLaw),
-    /// Change of the links: values, index of the joint, parents of all links, links.
-    Links(fn(&[f64], usize, &[Option<usize>], &mut [Link])),
+    /// Change of the links.
+    Links(LinkChange),
     /// Change of gravity.
     Gravity(fn(&[f64], [f64; 2]) -> [f64; 2]),
     /// Delay of commands by the first value, s.
@@ -246,7 +251,7 @@ const fn parameter(
     plausible: f64,
     scale: JointScale,
 ) -> JointParameter {
-    JointParameter { name, unit, bounds, neutral: 0.0, plausible, scale, starts: &[0.0] }
+    JointParameter { name, unit, bounds, neutral: 0.0, plausible, scale, starts: &[0.0], is_whole: false }
 }
 
 /// A factor that is neutral at 1.
