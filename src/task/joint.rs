@@ -3,12 +3,10 @@
 //! A joint's position is 0 in the scene's configuration. Revolute joints have rad, N m and rad/s; prismatic joints m, N
 //! and m/s in their places.
 
-use std::collections::HashSet;
-
 use serde::{Deserialize, Serialize};
 
+use super::effect_term::EffectTerm;
 use super::limits::{MAX_LENGTH_M, check_name_length, check_vector};
-use super::scene::{EffectTerm, Scene};
 use crate::error::{Error, Result, check_range};
 use crate::names::names;
 
@@ -90,60 +88,9 @@ fn default_max_torque() -> f64 {
     MAX_TORQUE
 }
 
-impl Scene {
-    /// Checks joints and motors: names that exist, every body on one joint, and no cycle.
-    pub(super) fn validate_joints(&self) -> Result<()> {
-        if self.joints.len() > MAX_JOINTS {
-            let allowed = format!("at most {MAX_JOINTS} joints");
-            return Err(Error::input("joints", format!("{} joints", self.joints.len()), allowed));
-        }
-        let (mut names, mut moved) = (HashSet::new(), HashSet::new());
-        for (i, joint) in self.joints.iter().enumerate() {
-            let in_joint = |e: Error| e.in_field(&format!("joints[{i}]"));
-            joint.validate().map_err(in_joint)?;
-            if !names.insert(&joint.name) {
-                return Err(in_joint(Error::input("name", &joint.name, "a name that no other joint has")));
-            }
-            for (field, name) in [("body", Some(&joint.body)), ("parent", joint.parent.as_ref())] {
-                let Some(name) = name else { continue };
-                let body = self
-                    .body(name)
-                    .ok_or_else(|| in_joint(Error::input(field, name, "a body of the scene")))?;
-                if body.position.is_none() {
-                    return Err(in_joint(Error::input(field, name, "a body with a `position`")));
-                }
-            }
-            if !moved.insert(&joint.body) {
-                let allowed = "a body that no other joint moves: closed chains are not supported";
-                return Err(in_joint(Error::input("body", &joint.body, allowed)));
-            }
-        }
-        for (i, joint) in self.joints.iter().enumerate() {
-            let parent_of = |body: &String| self.joints.iter().find(|j| j.body == *body)?.parent.as_ref();
-            let ancestors = std::iter::successors(joint.parent.as_ref(), |body| parent_of(body));
-            if ancestors.take(self.joints.len() + 1).any(|body| *body == joint.body) {
-                let allowed = "a body that does not hang on this one";
-                return Err(Error::input(format!("joints[{i}].parent"), joint.body.as_str(), allowed));
-            }
-        }
-        self.motors.iter().enumerate().try_for_each(|(i, motor)| {
-            let in_motor = |e: Error| e.in_field(&format!("motors[{i}]"));
-            motor.validate().map_err(in_motor)?;
-            let twice = self.motors[..i].iter().any(|other| other.joint == motor.joint);
-            match names.contains(&motor.joint) && !twice {
-                true => Ok(()),
-                false => Err(in_motor(Error::input(
-                    "joint",
-                    motor.joint.as_str(),
-                    "a joint of the scene without another motor",
-                ))),
-            }
-        })
-    }
-}
-
 impl Joint {
-    fn validate(&self) -> Result<()> {
+    /// Checks every value; errors name the field.
+    pub(super) fn validate(&self) -> Result<()> {
         check_name_length("name", &self.name)?;
         check_vector("anchor", self.anchor, MAX_LENGTH_M)?;
         check_range("position", self.position, -MAX_LENGTH_M, MAX_LENGTH_M)?;
@@ -172,7 +119,8 @@ impl Motor {
         free.clamp(-self.max_torque, self.max_torque)
     }
 
-    fn validate(&self) -> Result<()> {
+    /// Checks every value; errors name the field.
+    pub(super) fn validate(&self) -> Result<()> {
         check_range("stiffness", self.stiffness, 0.0, MAX_GAIN)?;
         check_range("damping", self.damping, 0.0, MAX_GAIN)?;
         check_range("max_torque", self.max_torque, 0.0, MAX_TORQUE)?;

@@ -10,6 +10,7 @@ pub mod complexity;
 pub mod constants;
 mod contact_rules;
 mod custom;
+mod effect_term;
 mod families;
 pub mod geometry;
 mod goal;
@@ -24,6 +25,7 @@ pub mod shape;
 pub mod solid;
 pub mod timeline;
 mod validate;
+mod validate_joints;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 use rand_distr::{Distribution, Exp1};
 
-use super::model_fit::{Context, JointFit};
+use super::model_fit::{JointContext, JointFit};
 use super::search::JointSearch;
 use crate::error::Result;
 use crate::estimate::sampler::log_sum_exp;
@@ -37,7 +37,7 @@ pub struct JointDecision {
 }
 
 /// Decides from the result of a search.
-pub fn decide(context: &Context, found: &JointSearch, seed: u64) -> Result<JointDecision> {
+pub fn decide(context: &JointContext, found: &JointSearch, seed: u64) -> Result<JointDecision> {
     let all = log_sum_exp(found.log_posterior.iter().chain([&found.base.log_evidence]).copied());
     let probabilities: Vec<f64> = found.log_posterior.iter().map(|l| libm::exp(l - all)).collect();
     let base_probability = libm::exp(found.base.log_evidence - all);
@@ -80,7 +80,7 @@ pub fn decide(context: &Context, found: &JointSearch, seed: u64) -> Result<Joint
 
 /// Sets without the effects that are no larger than two standard deviations of the largest plausible discrepancy, each once;
 /// `None` if nothing remains of the most probable one. Such effects may stand for a discrepancy, whose response is linearised.
-fn beyond_discrepancy(context: &Context, found: &JointSearch, sets: &[usize]) -> Option<Vec<usize>> {
+fn beyond_discrepancy(context: &JointContext, found: &JointSearch, sets: &[usize]) -> Option<Vec<usize>> {
     let mut out = Vec::new();
     for (k, set) in sets.iter().enumerate() {
         let fit = &found.fits[*set];
@@ -105,7 +105,7 @@ fn beyond_discrepancy(context: &Context, found: &JointSearch, sets: &[usize]) ->
 }
 
 /// Whether the response to an effect is larger than two standard deviations of the largest plausible discrepancy along it.
-fn is_beyond(context: &Context, fit: &JointFit, term: usize) -> bool {
+fn is_beyond(context: &JointContext, fit: &JointFit, term: usize) -> bool {
     let Some(discrepancy) = &context.discrepancy else { return true };
     let first = fit.prior.mean_offset.len();
     let mut square = 0.0;
@@ -120,7 +120,7 @@ fn is_beyond(context: &Context, fit: &JointFit, term: usize) -> bool {
 }
 
 /// Whether a broad torque field is certain beside a model.
-fn field_is_certain(context: &Context, fit: &JointFit) -> bool {
+fn field_is_certain(context: &JointContext, fit: &JointFit) -> bool {
     let Some(discrepancy) = &context.discrepancy else { return false };
     let broad = at_scale(&fit.statistics, &fit.prior, discrepancy.broad_ratio);
     broad.is_some_and(|l| l.log_evidence - fit.log_evidence + log_prior(1) > SETTINGS.log_odds_of_certainty())
@@ -163,7 +163,7 @@ fn squares(fit: &JointFit, step: impl Fn(usize) -> DVector<f64>) -> Vec<f64> {
 }
 
 /// Expected squares of noise and trial discrepancy, by trial.
-fn noise_floor(context: &Context, fit: &JointFit) -> Vec<f64> {
+fn noise_floor(context: &JointContext, fit: &JointFit) -> Vec<f64> {
     let of = |block: &crate::inference::mixed_model::groups::SegmentBlock| {
         let variances = block.variances(context.components.discrepancy);
         variances
@@ -184,7 +184,7 @@ fn discrepancy_step(fit: &JointFit) -> DVector<f64> {
 
 /// Share of the predictable misfit that a model explains: (m0 - m1) / (m0 - m2).
 fn explained_share(
-    context: &Context,
+    context: &JointContext,
     base: &JointFit,
     model: &JointFit,
     seed: u64,
@@ -224,7 +224,7 @@ fn explained_share(
 
 /// Share of the excess squared error on held-out trials that a model removes: its parameters are estimated from the other trials,
 /// with the shared discrepancy at its mode subtracted from both models.
-fn held_out_gain(context: &Context, base: &JointFit, model: &JointFit) -> Option<f64> {
+fn held_out_gain(context: &JointContext, base: &JointFit, model: &JointFit) -> Option<f64> {
     let q = model.prior.mean_offset.len();
     let own = discrepancy_step(model);
     let shared = own.rows(q, own.len() - q).into_owned();

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use nalgebra::DMatrix;
 
 use super::linearization::Terms;
-use super::recording::{Recording, motor_torque};
+use super::recording::{JointRecording, motor_torque};
 use crate::inference::selection::SETTINGS;
 use crate::task::joint::JointKind;
 use crate::world::mechanism::{FieldShape, TorqueField, TorqueFunction};
@@ -34,7 +34,11 @@ pub struct JointDiscrepancy {
 }
 
 /// The discrepancy along the paths of a model; `None` if it cannot be simulated.
-pub fn discrepancy(recording: &Recording, terms: &Terms, states: &[Vec<f64>]) -> Option<JointDiscrepancy> {
+pub fn discrepancy(
+    recording: &JointRecording,
+    terms: &Terms,
+    states: &[Vec<f64>],
+) -> Option<JointDiscrepancy> {
     let joints = recording.noise.len();
     let field = field(recording);
     let norms = norms(recording, &field);
@@ -77,7 +81,7 @@ pub fn discrepancy(recording: &Recording, terms: &Terms, states: &[Vec<f64>]) ->
 }
 
 /// The functions over the range of the data.
-fn field(recording: &Recording) -> TorqueField {
+fn field(recording: &JointRecording) -> TorqueField {
     let joints = recording.noise.len();
     let mut out = TorqueField::default();
     for j in 0..joints {
@@ -121,7 +125,7 @@ fn field(recording: &Recording) -> TorqueField {
 }
 
 /// Position, velocity and motor torque of a joint at all observations.
-fn arguments(recording: &Recording, joint: usize) -> Vec<[f64; 3]> {
+fn arguments(recording: &JointRecording, joint: usize) -> Vec<[f64; 3]> {
     let of = |segment: &super::recording::JointSegment| {
         let trial = &recording.trials[segment.trial];
         let times = &trial.times[segment.range.clone()];
@@ -135,7 +139,7 @@ fn arguments(recording: &Recording, joint: usize) -> Vec<[f64; 3]> {
 }
 
 /// By joint: root of the mean, over observed states, of the sum of all squared functions.
-fn norms(recording: &Recording, field: &TorqueField) -> Vec<f64> {
+fn norms(recording: &JointRecording, field: &TorqueField) -> Vec<f64> {
     let of = |j: usize| {
         let own: Vec<usize> = (0..field.functions.len()).filter(|k| field.functions[*k].joint == j).collect();
         let states = arguments(recording, j);

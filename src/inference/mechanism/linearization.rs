@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::recording::{JointSegment, Recording};
+use super::recording::{JointRecording, JointSegment};
 use crate::world::mechanism::effect::JointParameter;
 use crate::world::mechanism::{JointMotion, JointRollout, JointTerm, TorqueField, simulate};
 
@@ -16,7 +16,7 @@ const FIELD_STEP: f64 = 1e-2;
 pub type Terms = Vec<JointTerm>;
 
 /// A segment's residual and derivatives: one row per observation, joint by joint.
-pub struct Linearization {
+pub struct JointLinearization {
     pub residual: DVector<f64>,
     /// By parameter, and by initial position and velocity of each joint.
     pub jacobian: DMatrix<f64>,
@@ -45,7 +45,7 @@ pub fn declaration(terms: &[JointTerm], slot: Slot) -> &'static JointParameter {
     &terms[slot.term].effect.parameters[slot.parameter]
 }
 
-impl Recording<'_> {
+impl JointRecording<'_> {
     /// Plausible size of a parameter in its unit.
     pub fn plausible(&self, terms: &[JointTerm], slot: Slot) -> f64 {
         let parameter = declaration(terms, slot);
@@ -54,20 +54,25 @@ impl Recording<'_> {
 
     /// Linearizations at parameter values and initial states (positions, then velocities, by segment); `None` if a simulation
     /// diverges.
-    pub fn linearise(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Option<Vec<Linearization>> {
+    pub fn linearise(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Option<Vec<JointLinearization>> {
         let all = self.linearizations(terms, &slots(terms), states);
-        let finite = |l: &Linearization| {
+        let finite = |l: &JointLinearization| {
             l.residual.iter().chain(l.jacobian.iter()).chain(l.nuisances.iter()).all(|v| v.is_finite())
         };
         all.iter().all(finite).then_some(all)
     }
 
     /// The same by initial states alone; residuals of segments that diverge are not finite.
-    pub fn linearise_states(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Vec<Linearization> {
+    pub fn linearise_states(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Vec<JointLinearization> {
         self.linearizations(terms, &[], states)
     }
 
-    fn linearizations(&self, terms: &[JointTerm], slots: &[Slot], states: &[Vec<f64>]) -> Vec<Linearization> {
+    fn linearizations(
+        &self,
+        terms: &[JointTerm],
+        slots: &[Slot],
+        states: &[Vec<f64>],
+    ) -> Vec<JointLinearization> {
         let joints = self.noise.len();
         let steps: Vec<f64> = slots.iter().map(|slot| self.step(terms, *slot)).collect();
         let state_step = |k: usize| {
@@ -102,7 +107,7 @@ impl Recording<'_> {
                 let nuisances: Vec<DVector<f64>> =
                     (0..2 * joints).map(|k| column(slots.len() + k, state_step(k))).collect();
                 let count = base.len();
-                Linearization {
+                JointLinearization {
                     residual: self.observed(segment) - base,
                     jacobian: DMatrix::from_fn(count, jacobian.len(), |i, k| jacobian[k][i]),
                     nuisances: DMatrix::from_columns(&nuisances),

@@ -18,7 +18,7 @@ use crate::reality::JointTrial;
 use crate::task::Scene;
 use crate::world::mechanism::{Tree, scene_terms};
 use decision::decide;
-use recording::Recording;
+use recording::JointRecording;
 pub use report::{JointDiagnosis, JointEffectEstimate, JointParameterEstimate};
 
 /// Diagnoses a scene with joints from measured trials.
@@ -33,7 +33,7 @@ pub fn diagnose_joints(
     let tree = Tree::of(scene)?;
     let terms = scene_terms(scene, &tree)?;
     progress.report("segmenting trials", 0, 1)?;
-    let recording = Recording::new(&tree, terms, trials)?;
+    let recording = JointRecording::new(&tree, terms, trials)?;
     progress.report("estimating variance components", 0, 1)?;
     let context = search::context(&recording, progress)?;
     let found = search::search(&context, max_effects)?;

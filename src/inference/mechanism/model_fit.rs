@@ -4,8 +4,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::discrepancy::JointDiscrepancy;
-use super::linearization::{Linearization, Terms, declaration, slots};
-use super::recording::Recording;
+use super::linearization::{JointLinearization, Terms, declaration, slots};
+use super::recording::JointRecording;
 use crate::error::{Error, Result};
 use crate::inference::mixed_model::coordinates::orthonormalise;
 use crate::inference::mixed_model::group_statistics::{
@@ -28,9 +28,9 @@ const MAX_STATE_UPDATES: usize = 3;
 const STATE_TOLERANCE: f64 = 1e-3;
 const STATE_STEP_SHRINKAGE: f64 = 0.3;
 
-/// What all sets of effects share.
-pub struct Context<'a, 'b> {
-    pub recording: &'b Recording<'a>,
+/// Estimates and data that all sets of effects share.
+pub struct JointContext<'a, 'b> {
+    pub recording: &'b JointRecording<'a>,
     pub discrepancy: Option<JointDiscrepancy>,
     pub components: VarianceComponents,
     pub progress: &'b dyn Progress,
@@ -51,7 +51,7 @@ pub struct JointFit {
 }
 
 /// A point of the fit.
-struct Iterate {
+struct JointIterate {
     terms: Terms,
     states: Vec<Vec<f64>>,
     groups: Vec<Group>,
@@ -61,7 +61,7 @@ struct Iterate {
     log_posterior: f64,
 }
 
-impl Context<'_, '_> {
+impl JointContext<'_, '_> {
     /// Fits terms from values and states; `None` if they cannot be simulated.
     pub fn fit(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointFit>> {
         let Some(states) = self.best_states(&terms, states)? else { return Ok(None) };
@@ -97,7 +97,7 @@ impl Context<'_, '_> {
 
     /// The most probable point from another one, by Gauss-Newton steps of the parameters with damping, the initial states those that
     /// fit best.
-    fn converged(&self, mut best: Iterate) -> Result<Iterate> {
+    fn converged(&self, mut best: JointIterate) -> Result<JointIterate> {
         let (mut fraction, mut halvings) = (1.0, 0);
         for _ in 0..MAX_STEPS {
             let terms = self.stepped(&best, fraction);
@@ -165,7 +165,7 @@ impl Context<'_, '_> {
         Ok(self.evaluate(terms, states.to_vec())?.map(|iterate| iterate.laplace.log_evidence))
     }
 
-    fn evaluate(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<Iterate>> {
+    fn evaluate(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointIterate>> {
         self.progress.check_stop()?;
         let Some(linearizations) = self.recording.linearise(&terms, &states) else { return Ok(None) };
         let groups = self.groups(&terms, &linearizations);
@@ -175,7 +175,7 @@ impl Context<'_, '_> {
         let prior = self.prior(&terms);
         let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
         let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
-        Ok(Some(Iterate { terms, states, groups, statistics, prior, laplace, log_posterior }))
+        Ok(Some(JointIterate { terms, states, groups, statistics, prior, laplace, log_posterior }))
     }
 
     /// Prior of the terms' parameters, relative to their values.
@@ -193,7 +193,7 @@ impl Context<'_, '_> {
     }
 
     /// Groups by trial: columns of the parameters, then of the shared discrepancy.
-    pub fn groups(&self, terms: &Terms, linearizations: &[Linearization]) -> Vec<Group> {
+    pub fn groups(&self, terms: &Terms, linearizations: &[JointLinearization]) -> Vec<Group> {
         let mut out: Vec<Group> = Vec::new();
         for (w, own) in linearizations.iter().enumerate() {
             let trial = self.recording.segments[w].trial;
@@ -206,7 +206,7 @@ impl Context<'_, '_> {
         out
     }
 
-    fn block(&self, w: usize, terms: &Terms, own: &Linearization) -> SegmentBlock {
+    fn block(&self, w: usize, terms: &Terms, own: &JointLinearization) -> SegmentBlock {
         let (recording, segment) = (self.recording, &self.recording.segments[w]);
         let (nuisances, _) = orthonormalise(&recording.white(segment, &own.nuisances));
         let project = |columns: &DMatrix<f64>| {
@@ -224,7 +224,7 @@ impl Context<'_, '_> {
         if let Some(shared) = &shared {
             jacobian.columns_mut(parameters.ncols(), shared.ncols()).copy_from(shared);
         }
-        // What differs by trial: a constant torque in each joint, and the size of each effect.
+        // Differences between trials: a constant torque in each joint, and the size of each effect.
         let mut z_group = DMatrix::zeros(rows, columns(&constant) + terms.len());
         let mut z_group_effects = Vec::new();
         if let Some(constant) = &constant {
@@ -252,7 +252,7 @@ impl Context<'_, '_> {
     }
 
     /// Terms after a fraction of the step to the mode.
-    fn stepped(&self, from: &Iterate, fraction: f64) -> Terms {
+    fn stepped(&self, from: &JointIterate, fraction: f64) -> Terms {
         let mut terms = from.terms.clone();
         for (k, slot) in slots(&from.terms).iter().enumerate() {
             let [low, high] = declaration(&terms, *slot).bounds;
@@ -262,8 +262,8 @@ impl Context<'_, '_> {
         terms
     }
 
-    fn fitted(&self, best: Iterate) -> JointFit {
-        let Iterate { terms, states, groups, statistics, prior, laplace, log_posterior, .. } = best;
+    fn fitted(&self, best: JointIterate) -> JointFit {
+        let JointIterate { terms, states, groups, statistics, prior, laplace, log_posterior, .. } = best;
         let slots = slots(&terms);
         let beyond = |(k, slot): (usize, &super::linearization::Slot)| {
             let (own, value) = (declaration(&terms, *slot), terms[slot.term].values[slot.parameter]);

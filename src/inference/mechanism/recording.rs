@@ -31,7 +31,7 @@ const MIN_HALF_WIDTH: usize = 2;
 const GP_LENGTH_SHARE: f64 = 0.25;
 
 /// A recording with what inference needs of it.
-pub struct Recording<'a> {
+pub struct JointRecording<'a> {
     pub tree: &'a Tree,
     /// Effects that the scene has.
     pub scene_terms: Vec<JointTerm>,
@@ -82,12 +82,12 @@ impl JointScales {
     }
 }
 
-impl<'a> Recording<'a> {
+impl<'a> JointRecording<'a> {
     pub fn new(
         tree: &'a Tree,
         scene_terms: Vec<JointTerm>,
         trials: &'a [JointTrial],
-    ) -> Result<Recording<'a>> {
+    ) -> Result<JointRecording<'a>> {
         let joints = tree.links.len();
         let first: Vec<Vec<Vec<[f64; 3]>>> =
             trials.iter().map(|t| local_states(t, |_| FIRST_HALF_WIDTH)).collect();
@@ -115,7 +115,7 @@ impl<'a> Recording<'a> {
         }
         let noise = (0..joints).map(|j| noise_sd(trials, j)).collect();
         let scales = joint_scales(tree, trials, &segments)?;
-        Ok(Recording { tree, scene_terms, trials, segments, noise, scales })
+        Ok(JointRecording { tree, scene_terms, trials, segments, noise, scales })
     }
 
     /// Initial states of all segments from the local polynomials: positions, then velocities.

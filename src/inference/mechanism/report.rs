@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::decision::JointDecision;
 use super::linearization::slots;
 use super::model_fit::JointFit;
-use super::recording::Recording;
+use super::recording::JointRecording;
 use super::search::JointSearch;
 use crate::inference::report::Verdict;
 use crate::task::Scene;
@@ -14,7 +14,7 @@ use crate::task::scene::EffectTerm;
 /// Half width of a 95 % and of a 90 % interval, standard deviations.
 const WIDTH_95: f64 = 1.96;
 
-/// What a simulation of a mechanism gets wrong.
+/// Errors of a simulation of a mechanism.
 #[derive(Clone, Debug, Serialize)]
 pub struct JointDiagnosis {
     pub format: String,
@@ -67,7 +67,7 @@ pub struct JointParameterEstimate {
 /// Builds the report.
 pub fn build(
     scene: &Scene,
-    recording: &Recording,
+    recording: &JointRecording,
     found: &JointSearch,
     decision: &JointDecision,
     seed: u64,
@@ -109,12 +109,16 @@ pub fn build(
 }
 
 /// `effect (joint)`.
-fn name(recording: &Recording, effect: &str, joint: usize) -> String {
+fn name(recording: &JointRecording, effect: &str, joint: usize) -> String {
     format!("{effect} ({})", recording.tree.names[joint])
 }
 
 /// Inclusion probabilities of all effects in joints, most probable first.
-fn inclusion(recording: &Recording, found: &JointSearch, decision: &JointDecision) -> Vec<(String, f64)> {
+fn inclusion(
+    recording: &JointRecording,
+    found: &JointSearch,
+    decision: &JointDecision,
+) -> Vec<(String, f64)> {
     let mut all: Vec<(String, f64)> = Vec::new();
     for (fit, probability) in found.fits.iter().zip(&decision.probabilities) {
         for term in &fit.terms {
@@ -129,7 +133,11 @@ fn inclusion(recording: &Recording, found: &JointSearch, decision: &JointDecisio
     all
 }
 
-fn estimates(recording: &Recording, fit: &JointFit, inclusion: &[(String, f64)]) -> Vec<JointEffectEstimate> {
+fn estimates(
+    recording: &JointRecording,
+    fit: &JointFit,
+    inclusion: &[(String, f64)],
+) -> Vec<JointEffectEstimate> {
     let slots = slots(&fit.terms);
     let of = |(t, term): (usize, &crate::world::mechanism::JointTerm)| {
         let own = name(recording, term.effect.name, term.joint);

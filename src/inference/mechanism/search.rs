@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::discrepancy::discrepancy;
 use super::linearization::Terms;
-use super::model_fit::{Context, JointFit, not_simulable};
-use super::recording::Recording;
+use super::model_fit::{JointContext, JointFit, not_simulable};
+use super::recording::JointRecording;
 use crate::error::Result;
 use crate::inference::mixed_model::group_statistics::VarianceComponents;
 use crate::inference::selection::maximise_components;
@@ -35,12 +35,12 @@ pub struct JointSearch {
 
 /// A candidate: an effect in a joint, with its starting values.
 #[derive(Clone)]
-pub struct Candidate {
+pub struct JointCandidate {
     pub starts: Vec<JointTerm>,
 }
 
 /// Effects in joints that the scene does not have yet.
-pub fn candidates(recording: &Recording) -> Vec<Candidate> {
+pub fn candidates(recording: &JointRecording) -> Vec<JointCandidate> {
     let tree = recording.tree;
     let has_gravity = tree.gravity[0].hypot(tree.gravity[1]) > 0.0;
     let mut out = Vec::new();
@@ -66,16 +66,19 @@ pub fn candidates(recording: &Recording) -> Vec<Candidate> {
                     .flat_map(|s| parameter.starts.iter().map(move |by| moved(s, *by)))
                     .collect();
             }
-            out.push(Candidate { starts });
+            out.push(JointCandidate { starts });
         }
     }
     out
 }
 
 /// The context of a recording: components and discrepancy from the richest model.
-pub fn context<'a, 'b>(recording: &'b Recording<'a>, progress: &'b dyn Progress) -> Result<Context<'a, 'b>> {
+pub fn context<'a, 'b>(
+    recording: &'b JointRecording<'a>,
+    progress: &'b dyn Progress,
+) -> Result<JointContext<'a, 'b>> {
     let components = VarianceComponents::initial(true);
-    let mut context = Context { recording, discrepancy: None, components, progress };
+    let mut context = JointContext { recording, discrepancy: None, components, progress };
     let terms: Terms = candidates(recording)
         .into_iter()
         .filter(|c| RICHEST.contains(&c.starts[0].effect.name))
@@ -101,7 +104,7 @@ pub fn context<'a, 'b>(recording: &'b Recording<'a>, progress: &'b dyn Progress)
 }
 
 /// Searches sets of up to `most` effects.
-pub fn search(context: &Context, most: usize) -> Result<JointSearch> {
+pub fn search(context: &JointContext, most: usize) -> Result<JointSearch> {
     let progress = context.progress;
     let candidates = candidates(context.recording);
     progress.report("fitting the base model", 0, 1)?;
@@ -143,7 +146,7 @@ pub fn search(context: &Context, most: usize) -> Result<JointSearch> {
 type Start = (Terms, Vec<Vec<f64>>);
 
 /// Starts of a fit with one more effect.
-fn starts(fit: &JointFit, candidate: &Candidate) -> Vec<Start> {
+fn starts(fit: &JointFit, candidate: &JointCandidate) -> Vec<Start> {
     let with = |term: &JointTerm| {
         let mut terms = fit.terms.clone();
         terms.push(term.clone());
@@ -153,7 +156,7 @@ fn starts(fit: &JointFit, candidate: &Candidate) -> Vec<Start> {
 }
 
 /// The most probable fit over starts.
-fn best_of(context: &Context, set: Vec<Start>) -> Result<Option<JointFit>> {
+fn best_of(context: &JointContext, set: Vec<Start>) -> Result<Option<JointFit>> {
     let mut best: Option<JointFit> = None;
     for (terms, states) in most_promising(context, set)? {
         let Some(fit) = context.fit(terms, states)? else { continue };
@@ -165,7 +168,7 @@ fn best_of(context: &Context, set: Vec<Start>) -> Result<Option<JointFit>> {
 }
 
 /// The starts that promise most, at most [`MAX_STARTS`].
-fn most_promising(context: &Context, set: Vec<Start>) -> Result<Vec<Start>> {
+fn most_promising(context: &JointContext, set: Vec<Start>) -> Result<Vec<Start>> {
     if set.len() <= MAX_STARTS {
         return Ok(set);
     }
@@ -183,16 +186,16 @@ fn most_promising(context: &Context, set: Vec<Start>) -> Result<Vec<Start>> {
 
 /// The most promising sets of a size, each once.
 fn extensions(
-    context: &Context,
+    context: &JointContext,
     found: &JointSearch,
-    candidates: &[Candidate],
+    candidates: &[JointCandidate],
     size: usize,
 ) -> Result<Vec<Vec<Start>>> {
     let mut out: Vec<Vec<Start>> = Vec::new();
     let mut names: Vec<Vec<(&str, usize)>> = Vec::new();
     for parent in found.ranked(|fit| fit.terms.len() == size - 1).into_iter().take(PARENTS) {
         let fit = &found.fits[parent];
-        let fresh = |c: &&Candidate| {
+        let fresh = |c: &&JointCandidate| {
             let own = &c.starts[0];
             !fit.terms.iter().any(|t| t.joint == own.joint && t.effect.name == own.effect.name)
         };
@@ -226,12 +229,12 @@ fn extensions(
 
 impl JointSearch {
     /// The candidate with the shape that fits best alone, where shapes have many starting values.
-    fn after_single(&self, candidate: &Candidate) -> Candidate {
+    fn after_single(&self, candidate: &JointCandidate) -> JointCandidate {
         let own = &candidate.starts[0];
         let is_own = |t: &JointTerm| t.joint == own.joint && t.effect.name == own.effect.name;
         match self.fits.iter().find(|fit| fit.terms.len() == 1 && is_own(&fit.terms[0])) {
             Some(fit) if candidate.starts.len() > MAX_STARTS => {
-                Candidate { starts: vec![fit.terms[0].clone()] }
+                JointCandidate { starts: vec![fit.terms[0].clone()] }
             }
             _ => candidate.clone(),
         }

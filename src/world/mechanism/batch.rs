@@ -6,11 +6,13 @@
 #![allow(unsafe_code, reason = "calls code compiled for SIMD features that were detected on this machine")]
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::{__m256d, __m512d};
+use std::arch::x86_64::{__m128d, __m256d, __m512d};
+
+use super::super::lanes::simd::{Register, V, Wide};
+use rayon::prelude::*;
 
 use super::super::lanes::SimdLevel;
-use super::super::lanes::simd::{Register, V, Wide};
-use super::dynamics::{IDLE_LINK, JointValues, LinkLanes, NONE, TreeLanes, accelerations};
+use super::dynamics::{IDLE_LINK, JointValues, LARGE, LinkLanes, NONE, TreeLanes, accelerations};
 use super::effect::{DriveLaw, JointLanes, JointLaw, LawValues, MAX_PARAMETERS, TorqueLaw};
 use super::rollout::{JointMotion, JointRollout};
 use crate::task::joint::Control;
@@ -37,8 +39,14 @@ struct Batch<'a> {
     time_step: f64,
 }
 
+/// Simulates rollouts in parallel: the same bits on any number of threads and in any batch. All rollouts have trees of the same
+/// structure, and terms of the same effects in the same joints.
+pub fn simulate(rollouts: &[JointRollout]) -> Vec<JointMotion> {
+    rollouts.par_chunks(LANES).flat_map_iter(run).collect()
+}
+
 /// Simulates up to [`LANES`] rollouts.
-pub fn run(rollouts: &[JointRollout]) -> Vec<JointMotion> {
+fn run(rollouts: &[JointRollout]) -> Vec<JointMotion> {
     let mut batch = Batch::new(rollouts);
     let joints = batch.tree.links.len();
     let mut observers: Vec<Observer> =
@@ -119,17 +127,19 @@ impl<'a> Batch<'a> {
                 // SAFETY: the instructions were detected.
                 unsafe { step(self) }
             }
+            #[cfg(target_arch = "x86_64")]
+            _ => self.step_with::<__m128d, 4>(),
+            #[cfg(not(target_arch = "x86_64"))]
             _ => self.step_with::<f64, LANES>(),
         }
     }
 
     #[inline(always)]
     fn step_with<R: Register, const N: usize>(&mut self) {
+        // Each size is another copy to compile; see `LARGE`.
         match self.position.len() {
-            1 => self.step_of::<R, N, 1>(),
-            2 => self.step_of::<R, N, 2>(),
-            3 | 4 => self.step_of::<R, N, 4>(),
-            _ => self.step_of::<R, N, 8>(),
+            1 | 2 => self.step_of::<R, N, 2>(),
+            _ => self.step_of::<R, N, LARGE>(),
         }
     }
 

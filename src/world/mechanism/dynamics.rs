@@ -42,6 +42,10 @@ impl LinkLanes {
     }
 }
 
+/// Room for the joints of any tree. With one more than needed the compiler does not unroll loops over joints: code for eight links
+/// takes it minutes.
+pub const LARGE: usize = MAX_JOINTS + 1;
+
 /// A number per joint, in lanes.
 pub type JointValues<R, const N: usize, const D: usize> = [Wide<R, N>; D];
 
@@ -263,7 +267,7 @@ pub fn required_torques(tree: &Tree, q: &[f64], v: &[f64], a: &[f64]) -> Option<
         for lane in 0..LANES {
             lanes.links.iter_mut().zip(&tree.links).for_each(|(to, from)| to.set(lane, from));
         }
-        let all = |values: &[f64]| -> JointValues<f64, LANES, MAX_JOINTS> {
+        let all = |values: &[f64]| -> JointValues<f64, LANES, LARGE> {
             std::array::from_fn(|j| Wide::all(values.get(j).copied().unwrap_or(0.0)))
         };
         let accelerations = accelerations(&lanes, &all(q), &all(v), &all(tau));

@@ -17,9 +17,10 @@ mod rollout;
 mod torque_field;
 mod tree;
 
+pub use batch::simulate;
 pub use command::Commands;
 pub use dynamics::{RequiredTorques, required_torques};
 pub use effect::JointTerm;
-pub use rollout::{JointMotion, JointRollout, scene_terms, simulate};
+pub use rollout::{JointMotion, JointRollout, scene_terms};
 pub use torque_field::{FieldShape, TorqueField, TorqueFunction};
 pub use tree::{Link, Tree};

@@ -1,15 +1,11 @@
 //! Rollouts of mechanisms.
 
-use rayon::prelude::*;
-
-use super::batch;
 use super::command::Commands;
 use super::effect::{JointLaw, JointTerm, resolve};
 use super::torque_field::TorqueField;
 use super::tree::{Link, Tree};
 use crate::error::{Error, Result};
 use crate::task::Scene;
-use crate::world::effect::LANES;
 
 /// A rollout: a tree with effects, an initial state and commands.
 #[derive(Clone)]
@@ -36,12 +32,6 @@ pub struct JointMotion {
     pub velocities: Vec<Vec<f64>>,
     /// Commands that act at that time.
     pub commands: Vec<Vec<f64>>,
-}
-
-/// Simulates rollouts in parallel: the same bits on any number of threads and in any batch. All rollouts have trees of the same
-/// structure, and terms of the same effects in the same joints.
-pub fn simulate(rollouts: &[JointRollout]) -> Vec<JointMotion> {
-    rollouts.par_chunks(LANES).flat_map_iter(batch::run).collect()
 }
 
 impl JointRollout<'_> {

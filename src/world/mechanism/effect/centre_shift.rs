@@ -1,6 +1,7 @@
 //! Shift of the centre of mass along the link.
 
-use super::{Applicability, JointEffect, JointLaw, JointScale, Link, parameter};
+use super::super::tree::Link;
+use super::{Applicability, JointEffect, JointLaw, JointScale, parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: JointEffect = JointEffect {

@@ -7,10 +7,10 @@ pub static EFFECT: JointEffect = JointEffect {
     name: "encoder_lag",
     summary: "Encoder lag: measured positions are late.",
     signature: "All motion is late, the response to commands as well: as a delay of commands, except for feedback and free motion.",
-    equation: "q_measured(t) = q(t - lag)",
+    equation: "q_measured(t) = q(t - age)",
     parameters: &[JointParameter {
         starts: &[0.01],
-        ..parameter("lag", "s", [0.0, 0.5], 0.02, JointScale::Absolute)
+        ..parameter("age", "s", [0.0, 0.5], 0.02, JointScale::Absolute)
     }],
     law: JointLaw::EncoderLag,
     applies_to: Applicability::Every,

@@ -1,6 +1,7 @@
 //! Inertia: the moment of inertia about the centre of mass is another, by a factor.
 
-use super::{Applicability, JointEffect, JointLaw, Link, factor};
+use super::super::tree::Link;
+use super::{Applicability, JointEffect, JointLaw, factor};
 
 /// The effect's row in the registry.
 pub static EFFECT: JointEffect = JointEffect {

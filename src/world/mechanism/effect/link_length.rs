@@ -1,6 +1,7 @@
 //! Link length: the link is longer or shorter than in the scene, by a factor.
 
-use super::{Applicability, JointEffect, JointLaw, Link, factor};
+use super::super::tree::Link;
+use super::{Applicability, JointEffect, JointLaw, factor};
 
 /// The effect's row in the registry.
 pub static EFFECT: JointEffect = JointEffect {

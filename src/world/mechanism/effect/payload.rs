@@ -1,6 +1,7 @@
 //! Payload: a point mass at the tip of the link.
 
-use super::{Applicability, JointEffect, JointLaw, JointScale, Link, parameter};
+use super::super::tree::Link;
+use super::{Applicability, JointEffect, JointLaw, JointScale, parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: JointEffect = JointEffect {
