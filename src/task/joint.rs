@@ -39,7 +39,7 @@ pub struct Joint {
     pub position: f64,
     #[serde(default)]
     pub velocity: f64,
-    /// Effects in this joint; `iplw effects --joints` lists all.
+    /// Effects in this joint: see `world::mechanism::effect`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectTerm>,
 }

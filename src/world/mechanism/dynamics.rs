@@ -267,17 +267,11 @@ pub fn required_torques(tree: &Tree, q: &[f64], v: &[f64], a: &[f64]) -> Option<
         for lane in 0..LANES {
             lanes.links.iter_mut().zip(&tree.links).for_each(|(to, from)| to.set(lane, from));
         }
-        let all = |values: &[f64]| -> JointValues<f64, LANES, LARGE> {
-            std::array::from_fn(|j| Wide::all(values.get(j).copied().unwrap_or(0.0)))
-        };
-        let accelerations = accelerations(&lanes, &all(q), &all(v), &all(tau));
-        (0..n)
-            .map(|j| {
-                let mut out = [0.0; LANES];
-                accelerations[j].store(&mut out);
-                out[0]
-            })
-            .collect()
+        // Registers that every machine has.
+        #[cfg(target_arch = "x86_64")]
+        return accelerations_alike::<std::arch::x86_64::__m128d, 4>(&lanes, q, v, tau);
+        #[cfg(not(target_arch = "x86_64"))]
+        return accelerations_alike::<f64, LANES>(&lanes, q, v, tau);
     };
     let (none, still) = (vec![0.0; n], vec![0.0; n]);
     let (free, hanging) = (at(v, &none), at(&still, &none));
@@ -293,4 +287,23 @@ pub fn required_torques(tree: &Tree, q: &[f64], v: &[f64], a: &[f64]) -> Option<
         total: solve((0..n).map(|j| a[j] - free[j]).collect())?,
         gravity: solve(hanging.iter().map(|a| -a).collect())?,
     })
+}
+
+/// Accelerations at a state that is the same in all lanes.
+fn accelerations_alike<R: Register, const N: usize>(
+    tree: &TreeLanes,
+    q: &[f64],
+    v: &[f64],
+    tau: &[f64],
+) -> Vec<f64> {
+    let all = |values: &[f64]| -> JointValues<R, N, LARGE> {
+        std::array::from_fn(|j| Wide::all(values.get(j).copied().unwrap_or(0.0)))
+    };
+    let found = accelerations(tree, &all(q), &all(v), &all(tau));
+    let first = |wide: &Wide<R, N>| {
+        let mut lanes = [0.0; LANES];
+        wide.store(&mut lanes);
+        lanes[0]
+    };
+    found[..tree.links.len()].iter().map(first).collect()
 }
