@@ -10,6 +10,8 @@ use crate::world::mechanism::{Commands, Tree};
 
 /// Maximum number of rows of a recording.
 const MAX_ROWS: usize = 2_000_000;
+/// Maximum number of time steps of the scene in a trial.
+const MAX_STEPS_PER_TRIAL: f64 = 1e7;
 /// Suffix of the columns of commands.
 const COMMAND_SUFFIX: &str = ".command";
 
@@ -49,6 +51,12 @@ pub fn joint_trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<JointTrial
         trial.add(&record, &columns, line)?;
     }
     let trials: Vec<JointTrial> = trials.into_iter().map(TrialRows::into_trial).collect();
+    let duration = |t: &JointTrial| t.times[t.times.len() - 1] - t.times[0];
+    if let Some(long) = trials.iter().find(|t| duration(t) > MAX_STEPS_PER_TRIAL * scene.time_step) {
+        let allowed =
+            format!("at most {MAX_STEPS_PER_TRIAL:.0} time steps of the scene ({} s)", scene.time_step);
+        return Err(Error::input(format!("trial {}, t", long.id), format!("{} s", duration(long)), allowed));
+    }
     match trials.iter().find(|t| t.times.len() < 3) {
         Some(short) => Err(Error::input(
             format!("trial {}", short.id),

@@ -124,6 +124,15 @@ impl Scene {
         }
     }
 
+    /// Errors if the scene has joints, which simulations with contacts do not have.
+    pub fn check_without_joints(&self) -> Result<()> {
+        if self.joints.is_empty() {
+            return Ok(());
+        }
+        let allowed = "no joints here; `iplw rollout` and `iplw diagnose` take scenes with joints";
+        Err(Error::input("joints", format!("{} joints", self.joints.len()), allowed))
+    }
+
     /// The scene as pretty JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("a scene is always representable as JSON")

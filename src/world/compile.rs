@@ -19,11 +19,7 @@ use crate::task::scene::{Body, EffectTerm, Static};
 /// Compiles a rollout; errors name the invalid field.
 pub fn compile(rollout: &Rollout) -> Result<RolloutModel> {
     let scene = rollout.scene;
-    if !scene.joints.is_empty() {
-        let (value, allowed) =
-            (format!("{} joints", scene.joints.len()), "no joints in a simulation with contacts");
-        return Err(Error::input("joints", value, allowed));
-    }
+    scene.check_without_joints()?;
     rollout.latents.validate()?;
     let laws = ResolvedEffects::of(rollout)?;
     let view = SensorChain::new(laws.sensors, f64::from(scene.observe_every) * scene.time_step);

@@ -85,8 +85,20 @@ fn diagnoses_a_recording_of_joints() {
     assert_eq!(report["effects"][0]["effect"], "viscous_friction");
     let extended = std::fs::read_to_string(folder.path().join("report/extended_scene.json")).unwrap();
     assert!(extended.contains("viscous_friction"));
-    std::fs::write(folder.path().join("log.csv"), csv.replace("hinge.command", "hinge.torque")).unwrap();
-    let out = iplw(&arguments, folder.path());
-    let error = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.code() == Some(2) && error.contains("hinge.torque"), "{error}");
+    let last = world.trials[5].times.last().unwrap();
+    for (wrong, reason) in [
+        (csv.replace("hinge.command", "hinge.torque"), "hinge.torque"),
+        (csv.replace(&format!("5,{last},"), "5,1e9,"), "trial 5, t"),
+        (csv.replace("trial,t", "trial,time"), "column time"),
+    ] {
+        std::fs::write(folder.path().join("log.csv"), wrong).unwrap();
+        let out = iplw(&arguments, folder.path());
+        let error = String::from_utf8_lossy(&out.stderr);
+        assert!(out.status.code() == Some(2) && error.contains(reason), "{error}");
+    }
+    let out = iplw(
+        &["posterior", "--scene", "scene.json", "--trials", "log.csv", "--out", "p.json"],
+        folder.path(),
+    );
+    assert_eq!(out.status.code(), Some(2));
 }

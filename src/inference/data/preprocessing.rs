@@ -85,6 +85,7 @@ pub fn preprocess(
     left_out: &[usize],
     progress: &dyn Progress,
 ) -> Result<std::result::Result<PreprocessedData, InsufficientData>> {
+    scene.check_without_joints()?;
     let (names, settings) = index_settings(trials);
     let Segmentation { mut segments, unused_contacts } =
         segment::segment_trials(scene, trials, &settings, run, progress)?;

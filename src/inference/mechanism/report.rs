@@ -9,6 +9,7 @@ use super::recording::JointRecording;
 use super::search::JointSearch;
 use crate::inference::report::Verdict;
 use crate::task::Scene;
+use crate::task::joint::JointKind;
 use crate::task::scene::EffectTerm;
 
 /// Half width of a 95 % and of a 90 % interval, standard deviations.
@@ -108,6 +109,16 @@ pub fn build(
     }
 }
 
+/// A unit of a revolute joint, for a joint of this kind.
+fn unit(of_revolute: &str, kind: JointKind) -> String {
+    match kind {
+        JointKind::Revolute => of_revolute.into(),
+        JointKind::Prismatic => {
+            of_revolute.replace("N m s/rad", "N s/m").replace("N m", "N").replace("rad", "m")
+        }
+    }
+}
+
 /// `effect (joint)`.
 fn name(recording: &JointRecording, effect: &str, joint: usize) -> String {
     format!("{effect} ({})", recording.tree.names[joint])
@@ -149,7 +160,7 @@ fn estimates(
                     |sign: f64| (value + sign * WIDTH_95 * sd).clamp(declared.bounds[0], declared.bounds[1]);
                 JointParameterEstimate {
                     name: declared.name.into(),
-                    unit: declared.unit.into(),
+                    unit: unit(declared.unit, recording.tree.kinds[term.joint]),
                     value: *value,
                     sd,
                     interval_95: [end(-1.0), end(1.0)],
