@@ -631,7 +631,7 @@ fn rejects_bad_input_naming_the_field() {
         ),
         row("POST", worlds, with("action", Value::Null), 422, wrong, "scene.action"),
         row("POST", worlds, with("goal", Value::Null), 422, wrong, "scene.goal"),
-        row("POST", worlds, with("format", json!("iplw.scene/2")), 422, wrong, "scene.format"),
+        row("POST", worlds, with("format", json!("iplw.scene/3")), 422, wrong, "scene.format"),
         row("POST", worlds, with("time_step", json!(0)), 422, wrong, "scene.time_step"),
         row("POST", worlds, crowded, 422, wrong, "engine"),
         row("POST", worlds, homeless, 422, wrong, "scene.bodies[0].position"),
