@@ -22,6 +22,7 @@
 //! | `commands/` | requests shared by the command line, HTTP and MCP |
 //! | `store/` `access/` `job/` | storage, permissions, and long-running jobs |
 //! | `session/` | Gymnasium's reset and step for a task and a world |
+//! | `control/` | the same for control tasks, in many steps, and planning |
 //! | `serve/` | HTTP, ZeroMQ and MCP adapters; the only module that uses axum and rmcp; contains no physics |
 //!
 //! To follow one trial, start at `experiment.rs`: a [`task::Task`] and an action give a placed [`task::Scene`];
@@ -40,6 +41,7 @@
 pub mod access;
 pub mod budget;
 pub mod commands;
+pub mod control;
 pub mod design;
 pub mod distribution;
 pub mod error;

@@ -50,13 +50,12 @@ pub fn rollout(scene: &Scene, commands: Option<&str>) -> Result<JointRecord> {
         field: None,
     };
     let motion = simulate(&[rollout]).swap_remove(0);
-    let column = |of: &[Vec<f64>], j: usize| of.iter().map(|row| row[j]).collect::<Vec<f64>>();
     if motion.positions.iter().flatten().any(|q| !q.is_finite()) {
         return Err(Error::Failed("the motion of the joints diverges: use a smaller time_step".into()));
     }
     let joints = tree.names.iter().enumerate().map(|(j, name)| {
         let own =
-            JointColumns { position: column(&motion.positions, j), velocity: column(&motion.velocities, j) };
+            JointColumns { position: motion.positions[j].clone(), velocity: motion.velocities[j].clone() };
         (name.clone(), own)
     });
     Ok(JointRecord { joints: joints.collect(), t: times, engine: "mechanism" })

@@ -79,6 +79,8 @@ impl Mechanism {
             axis: None,
             position: 0.0,
             velocity: 0.0,
+            armature: 0.0,
+            spring: None,
             effects: Vec::new(),
         };
         let motor = |joint: &str, max_torque: f64| Motor {
@@ -178,17 +180,17 @@ impl Mechanism {
         let motions = run(&terms, Some((&field, &coefficients)));
         let eccentric: Vec<f64> = (0..tree.links.len()).map(|_| stream.random_range(-3.0..3.0)).collect();
         let trials = motions.into_iter().zip(commands).enumerate().map(|(k, (motion, commands))| {
-            let measured = |q: &Vec<f64>| {
-                let own = |(j, q): (usize, &f64)| {
-                    let noise: f64 = StandardNormal.sample(&mut stream);
+            let mut measured = |i: usize| {
+                let mut own = |j: usize| {
+                    let (q, noise): (f64, f64) = (motion.positions[j][i], StandardNormal.sample(&mut stream));
                     q + ECCENTRICITY * amplitude(&tree, j) * libm::sin(q + eccentric[j]) + plan.noise * noise
                 };
-                q.iter().enumerate().map(own).collect()
+                (0..eccentric.len()).map(&mut own).collect()
             };
             JointTrial {
                 id: k.to_string(),
                 times: times.clone(),
-                positions: motion.positions.iter().map(measured).collect(),
+                positions: (0..times.len()).map(&mut measured).collect(),
                 commands,
             }
         });
@@ -261,11 +263,12 @@ fn sizes(
         for i in 1..times.len() - 1 {
             let h = times[i + 1] - times[i - 1];
             let a: Vec<f64> = (0..joints)
-                .map(|j| (motion.velocities[i + 1][j] - motion.velocities[i - 1][j]) / h)
+                .map(|j| (motion.velocities[j][i + 1] - motion.velocities[j][i - 1]) / h)
                 .collect();
-            let (q, v) = (&motion.positions[i], &motion.velocities[i]);
+            let at = |of: &[Vec<f64>]| of.iter().map(|own| own[i]).collect::<Vec<f64>>();
+            let (q, v) = (at(&motion.positions), at(&motion.velocities));
             let needed =
-                required_torques(tree, q, v, &a).ok_or_else(|| Error::Failed("singular masses".into()))?;
+                required_torques(tree, &q, &v, &a).ok_or_else(|| Error::Failed("singular masses".into()))?;
             count += 1.0;
             for j in 0..joints {
                 let motor = tree.motors[j].as_ref();

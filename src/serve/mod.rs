@@ -38,6 +38,7 @@ mod client;
 mod client_limiter;
 mod concealment;
 mod config;
+mod control_worlds;
 mod deadline;
 mod execution_class;
 mod fair_semaphore;

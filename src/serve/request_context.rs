@@ -83,6 +83,11 @@ impl RequestContext {
         self.principal.owner()
     }
 
+    /// The owner whose resources the caller may see; all if `None`.
+    pub fn visible_owner(&self) -> Option<&str> {
+        self.principal.visible_owner()
+    }
+
     /// A world as the caller may see it: latents and effects of a real world are its owner's.
     pub fn describe(&self, listed: &ListedWorld) -> WorldDescription {
         let description = listed.world.describe();

@@ -9,6 +9,7 @@ use std::time::Duration;
 use super::cache::{BoundedCache, CacheLimits};
 use super::client_limiter::{ClientLimiter, LimiterCapacity};
 use super::config::{Clock, LimitsReader, ServeConfig};
+use super::control_worlds::ControlWorlds;
 use super::limits::Limits;
 use super::log::AccessLog;
 use super::metrics::Metrics;
@@ -36,6 +37,7 @@ pub struct CoreState {
     pub worlds: Registry,
     pub store: Arc<Store>,
     pub likelihoods: BoundedCache<TrialLikelihood>,
+    pub control_worlds: ControlWorlds,
 }
 
 /// State of the server.
@@ -106,6 +108,7 @@ impl AppState {
             worlds,
             store: store.clone(),
             likelihoods: BoundedCache::new(LIKELIHOOD_CACHE_LIMITS),
+            control_worlds: ControlWorlds::default(),
         });
         let log = config.log.clone();
         Ok(AppState {
@@ -138,6 +141,11 @@ impl AppState {
     /// The limits in force.
     pub fn limits(&self) -> Arc<Limits> {
         lock(&self.limits).clone()
+    }
+
+    /// Limits of worlds.
+    pub fn registry_config(&self) -> RegistryConfig {
+        registry_config(&self.limits())
     }
 
     /// Reads tokens and limits again; on an error the previous ones stay in force. Limits of one request apply to worlds made

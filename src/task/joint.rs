@@ -12,8 +12,9 @@ use crate::names::names;
 
 /// Maximum number of joints of a scene.
 pub const MAX_JOINTS: usize = 8;
-/// Largest torque or force, gain and initial velocity.
+/// Largest torque or force, gain, armature and initial velocity.
 const MAX_TORQUE: f64 = 1e6;
+const MAX_ARMATURE: f64 = 1e6;
 const MAX_GAIN: f64 = 1e6;
 const MAX_VELOCITY: f64 = 1e3;
 
@@ -39,9 +40,32 @@ pub struct Joint {
     pub position: f64,
     #[serde(default)]
     pub velocity: f64,
+    /// Inertia of what turns with the joint alone, such as a rotor behind gears or a ball that rolls along a beam: kg m^2, or kg.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub armature: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spring: Option<Spring>,
     /// Effects in this joint: see `world::mechanism::effect`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectTerm>,
+}
+
+/// A spring and damper in a joint: torque -stiffness (q - rest) - damping v.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spring {
+    /// N m/rad
+    pub stiffness: f64,
+    /// N m s/rad
+    #[serde(default)]
+    pub damping: f64,
+    /// Position at which the spring is relaxed, rad.
+    #[serde(default)]
+    pub rest: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// The motion that a joint allows.
@@ -95,6 +119,12 @@ impl Joint {
         check_vector("anchor", self.anchor, MAX_LENGTH_M)?;
         check_range("position", self.position, -MAX_LENGTH_M, MAX_LENGTH_M)?;
         check_range("velocity", self.velocity, -MAX_VELOCITY, MAX_VELOCITY)?;
+        check_range("armature", self.armature, 0.0, MAX_ARMATURE)?;
+        if let Some(spring) = &self.spring {
+            check_range("spring.stiffness", spring.stiffness, 0.0, MAX_GAIN)?;
+            check_range("spring.damping", spring.damping, 0.0, MAX_GAIN)?;
+            check_range("spring.rest", spring.rest, -MAX_LENGTH_M, MAX_LENGTH_M)?;
+        }
         match (self.kind, self.axis) {
             (JointKind::Prismatic, Some([x, y])) if x.hypot(y) > 1e-9 && x.hypot(y).is_finite() => Ok(()),
             (JointKind::Revolute, None) => Ok(()),

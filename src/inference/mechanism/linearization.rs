@@ -100,8 +100,8 @@ impl JointRecording<'_> {
         let motions = simulate(&rollouts);
         let each =
             motions.chunks(1 + slots.len() + 2 * joints).zip(&self.segments).map(|(motions, segment)| {
-                let base = rows(&motions[0], joints);
-                let column = |k: usize, step: f64| (rows(&motions[1 + k], joints) - &base) / step;
+                let base = rows(&motions[0]);
+                let column = |k: usize, step: f64| (rows(&motions[1 + k]) - &base) / step;
                 let jacobian: Vec<DVector<f64>> =
                     steps.iter().enumerate().map(|(k, step)| column(k, *step)).collect();
                 let nuisances: Vec<DVector<f64>> =
@@ -124,7 +124,6 @@ impl JointRecording<'_> {
         field: &TorqueField,
         torques: &[f64],
     ) -> Option<Vec<DMatrix<f64>>> {
-        let joints = self.noise.len();
         let mut rollouts = Vec::new();
         for (segment, state) in self.segments.iter().zip(states) {
             let rollout = self.rollout(segment, terms, state);
@@ -136,9 +135,9 @@ impl JointRecording<'_> {
         }
         let motions = simulate(&rollouts);
         let each = motions.chunks(torques.len() + 1).map(|motions| {
-            let base = rows(&motions[torques.len()], joints);
+            let base = rows(&motions[torques.len()]);
             let columns: Vec<DVector<f64>> =
-                motions[..torques.len()].iter().map(|m| (rows(m, joints) - &base) / FIELD_STEP).collect();
+                motions[..torques.len()].iter().map(|m| (rows(m) - &base) / FIELD_STEP).collect();
             DMatrix::from_fn(base.len(), columns.len(), |i, k| columns[k][i])
         });
         let all: Vec<DMatrix<f64>> = each.collect();
@@ -177,7 +176,6 @@ impl JointRecording<'_> {
 }
 
 /// Positions joint by joint.
-fn rows(motion: &JointMotion, joints: usize) -> DVector<f64> {
-    let count = motion.positions.len();
-    DVector::from_fn(count * joints, |i, _| motion.positions[i % count][i / count])
+fn rows(motion: &JointMotion) -> DVector<f64> {
+    DVector::from_vec(motion.positions.concat())
 }

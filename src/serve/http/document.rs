@@ -30,6 +30,7 @@ use crate::serve::problem::Problem;
     ),
     tags(
         (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
+        (name = "control", description = "Control tasks: driven mechanisms in many steps, in vectors of environments."),
         (name = "batch", description = "Many worlds in one request, atomically."),
         (name = "tasks", description = "Task families."),
         (name = "workflow", description = "Explore, measure and estimate, as jobs."),

@@ -5,6 +5,7 @@ mod adhoc;
 pub mod ask_tell;
 mod batch;
 mod branch;
+mod control;
 mod design;
 mod diagnosis;
 mod diagnosis_input;
@@ -43,11 +44,12 @@ use crate::error::Error;
 use crate::job::{WorkFactories, WorkFactory};
 
 /// The operations of each file.
-const OPERATION_LISTS: [fn() -> Vec<Operation>; 26] = [
+const OPERATION_LISTS: [fn() -> Vec<Operation>; 27] = [
     ask_tell::operations,
     batch::operations,
     branch::operations,
     history::operations,
+    control::operations,
     design::operations,
     diagnosis::operations,
     effect::operations,

@@ -10,6 +10,7 @@ mod batch;
 mod binary_arrays;
 pub mod bounds;
 mod branch;
+mod control;
 mod diagnosis;
 mod episode;
 mod format;
@@ -41,6 +42,10 @@ pub use batch::{
 };
 pub use binary_arrays::BinaryArrays;
 pub use branch::{BranchIn, BranchOut, SnapshotIn, SnapshotOut};
+pub use control::{
+    ControlResetIn, ControlResetOut, ControlRolloutIn, ControlRolloutOut, ControlStepIn, ControlStepOut,
+    ControlTaskOut, ControlTasksOut, ControlWorldOut, CreateControlWorld, PhysicsIn,
+};
 pub use diagnosis::{DiagnosisTrialOut, DiagnosisTrials};
 pub use episode::{ResetOut, StepIn, StepOut};
 pub use format::{MSGPACK, WireFormat};

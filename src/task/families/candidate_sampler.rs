@@ -7,9 +7,9 @@
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
-use super::expression::Expression;
 use crate::error::{Error, Result};
 use crate::rng;
+use crate::task::expression::Expression;
 
 /// The sampling distribution of a family's candidates.
 #[derive(Debug, Default)]

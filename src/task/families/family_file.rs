@@ -7,7 +7,6 @@ use super::candidate_sampler::{CandidateSampler, MAX_CANDIDATES, ParameterRange,
 use super::candidate_source::CandidateSource;
 use super::certificate::{Selection, SolvingShareBin};
 use super::claims::{Claims, EstimateClaim, JumpStartClaim};
-use super::expression::Expression;
 use super::family::Family;
 use super::presets::{LabelCounts, Learning};
 use super::real::RealPhysics;
@@ -15,6 +14,7 @@ use super::scene_list::SceneList;
 use super::template::Template;
 use crate::error::{Error, InvalidInput, Result, abbreviate, check_count, check_format, check_range};
 use crate::rng;
+use crate::task::expression::Expression;
 
 /// Prior mean and standard deviation of density (kg/m^2), friction and restitution where none is given.
 pub const DEFAULT_PRIOR: [(f64, f64); 3] = [(1.0, 0.5), (0.5, 0.25), (0.5, 0.25)];

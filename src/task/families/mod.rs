@@ -13,7 +13,6 @@ mod candidate_source;
 mod certificate;
 mod claims;
 mod collections;
-mod expression;
 mod family;
 mod family_file;
 mod folder;

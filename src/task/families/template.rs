@@ -4,8 +4,8 @@
 
 use serde_json::{Map, Number, Value};
 
-use super::expression::Expression;
 use crate::error::{Error, Result};
+use crate::task::expression::Expression;
 use crate::task::scene::{FORMAT, Scene};
 
 /// The scene template of a family's candidates.

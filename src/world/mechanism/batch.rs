@@ -12,11 +12,15 @@ use super::super::lanes::simd::{Register, V, Wide};
 use rayon::prelude::*;
 
 use super::super::lanes::SimdLevel;
+use super::command::{CommandCursor, Commands};
 use super::dynamics::{IDLE_LINK, JointValues, LARGE, LinkLanes, NONE, TreeLanes, accelerations};
 use super::effect::{DriveLaw, JointLanes, JointLaw, LawValues, MAX_PARAMETERS, TorqueLaw};
 use super::rollout::{JointMotion, JointRollout};
 use crate::task::joint::Control;
 use crate::world::effect::LANES;
+
+/// Weight of each stage's rates in the step, and the part of the step from the start to the next stage.
+const STAGES: &[[f64; 2]] = &[[1.0, 0.5], [2.0, 0.5], [2.0, 1.0], [1.0, 0.0]];
 
 /// Laws of one joint.
 struct JointLaws {
@@ -51,10 +55,16 @@ fn run(rollouts: &[JointRollout]) -> Vec<JointMotion> {
     let joints = batch.tree.links.len();
     let mut observers: Vec<Observer> =
         rollouts.iter().map(|rollout| Observer::new(rollout, joints)).collect();
+    let mut commands: Vec<LaneCommands> =
+        rollouts.iter().map(|rollout| LaneCommands::new(rollout, joints)).collect();
+    let mut before = (batch.position.clone(), batch.velocity.clone());
     let mut step = 0u32;
-    while observers.iter().any(|observer| !observer.is_done()) {
-        let before = (batch.position.clone(), batch.velocity.clone());
-        batch.set_commands(step);
+    while observers.iter().any(|observer| observer.due.is_finite()) {
+        before.0.copy_from_slice(&batch.position);
+        before.1.copy_from_slice(&batch.velocity);
+        for (lane, commands) in commands.iter_mut().enumerate() {
+            commands.set(lane, step, batch.time_step, &mut batch.commands);
+        }
         batch.step();
         step += 1;
         for (lane, observer) in observers.iter_mut().enumerate() {
@@ -90,19 +100,6 @@ impl<'a> Batch<'a> {
             commands: vec![NONE; joints],
             has_field: rollouts.iter().any(|r| r.field.is_some()),
             time_step: tree.time_step,
-        }
-    }
-
-    /// Sets the mean commands of a step.
-    fn set_commands(&mut self, step: u32) {
-        for (lane, rollout) in self.rollouts.iter().enumerate() {
-            for (joint, command) in self.commands.iter_mut().enumerate() {
-                if rollout.commands.drives(joint) {
-                    let from =
-                        rollout.first_time() + f64::from(step) * self.time_step - rollout.delays(joint)[0];
-                    command[lane] = rollout.commands.mean(joint, [from, from + self.time_step]);
-                }
-            }
         }
     }
 
@@ -146,7 +143,6 @@ impl<'a> Batch<'a> {
     #[inline(always)]
     fn step_of<R: Register, const N: usize, const D: usize>(&mut self) {
         let n = self.position.len();
-        let (h, half) = (Wide::all(self.time_step), Wide::all(0.5 * self.time_step));
         let zero: Wide<R, N> = Wide::all(0.0);
         let (mut q0, mut v0) = ([zero; D], [zero; D]);
         for j in 0..n {
@@ -154,11 +150,11 @@ impl<'a> Batch<'a> {
         }
         let (mut q, mut v) = (q0, v0);
         let (mut sum_v, mut sum_a) = ([zero; D], [zero; D]);
-        for stage in 0..4 {
+        // A slice whose length the compiler does not know: unrolled, this loop takes it minutes.
+        for [weight, by] in std::hint::black_box(STAGES) {
             let tau = self.torques(&q, &v);
             let a = accelerations(&self.tree, &q, &v, &tau);
-            let weight = Wide::all(if stage == 0 || stage == 3 { 1.0 } else { 2.0 });
-            let by = if stage == 2 { h } else { half };
+            let (weight, by) = (Wide::all(*weight), Wide::all(*by * self.time_step));
             for j in 0..n {
                 sum_v[j] = sum_v[j] + weight * v[j];
                 sum_a[j] = sum_a[j] + weight * a[j];
@@ -180,12 +176,10 @@ impl<'a> Batch<'a> {
         v: &JointValues<R, N, D>,
     ) -> JointValues<R, N, D> {
         let mut out = [Wide::all(0.0); D];
+        let tree = self.rollouts[0].tree;
         for j in 0..self.position.len() {
             let laws = &self.laws[j];
-            let motor = self.rollouts[0].tree.motors[j].as_ref();
-            if motor.is_none() && laws.torques.is_empty() && !self.has_field {
-                continue;
-            }
+            let motor = tree.motors[j].as_ref();
             let command: Wide<R, N> = Wide::load(&self.commands[j]);
             let mut drive = Wide::all(0.0);
             if let Some(motor) = motor {
@@ -197,8 +191,12 @@ impl<'a> Batch<'a> {
                 };
                 drive = free.below(Wide::all(motor.max_torque)).above(Wide::all(-motor.max_torque));
             }
+            let passive = tree.springs[j].map(|spring| {
+                let off = q[j] - Wide::all(spring.rest);
+                Wide::all(-spring.stiffness) * off - Wide::all(spring.damping) * v[j]
+            });
             if laws.torques.is_empty() && laws.drives.is_empty() && !self.has_field {
-                out[j] = drive;
+                out[j] = passive.map_or(drive, |passive| drive + passive);
                 continue;
             }
             let mut joint =
@@ -207,6 +205,7 @@ impl<'a> Batch<'a> {
             v[j].store(&mut joint.velocity);
             drive.store(&mut joint.drive);
             out[j] = Wide::load(&self.with_laws(j, joint));
+            out[j] = passive.map_or(out[j], |passive| out[j] + passive);
         }
         out
     }
@@ -251,44 +250,100 @@ impl JointLaws {
     }
 }
 
+/// Commands of a rollout's joints, step by step.
+struct LaneCommands<'a> {
+    commands: &'a Commands,
+    first_time: f64,
+    /// Joints with commands, their delays and places in the commands.
+    joints: Vec<(usize, f64, CommandCursor)>,
+}
+
+impl<'a> LaneCommands<'a> {
+    fn new(rollout: &JointRollout<'a>, joints: usize) -> LaneCommands<'a> {
+        let driven = (0..joints).filter(|j| rollout.commands.drives(*j));
+        let own = driven.map(|j| (j, rollout.delays(j)[0], CommandCursor::default()));
+        LaneCommands { commands: rollout.commands, first_time: rollout.first_time(), joints: own.collect() }
+    }
+
+    /// Sets the mean commands of a step in a lane.
+    fn set(&mut self, lane: usize, step: u32, time_step: f64, all: &mut [V]) {
+        for (joint, delay, cursor) in &mut self.joints {
+            let from = self.first_time + f64::from(step) * time_step - *delay;
+            all[*joint][lane] = self.commands.next_mean(*joint, [from, from + time_step], cursor);
+        }
+    }
+}
+
 /// Records the observations of a rollout.
 struct Observer<'a> {
     rollout: &'a JointRollout<'a>,
-    /// By joint: index of the next observation.
+    first_time: f64,
+    /// By joint: age of its measurements, and index of the next observation.
+    lags: Vec<f64>,
     next: Vec<usize>,
+    /// Time of the final state, s.
+    last: Option<f64>,
+    /// Time of the next observation of any joint, s; infinite at the end.
+    due: f64,
     motion: JointMotion,
 }
 
 impl<'a> Observer<'a> {
     fn new(rollout: &'a JointRollout<'a>, joints: usize) -> Observer<'a> {
-        let empty = || vec![vec![f64::NAN; joints]; rollout.times.len()];
-        let motion = JointMotion { positions: empty(), velocities: empty(), commands: empty() };
-        Observer { rollout, next: vec![0; joints], motion }
+        let empty = || vec![vec![f64::NAN; rollout.times.len()]; joints];
+        let mut out = Observer {
+            rollout,
+            first_time: rollout.first_time(),
+            lags: (0..joints).map(|j| rollout.delays(j)[1]).collect(),
+            next: vec![0; joints],
+            last: rollout.times.last().map(|last| rollout.first_time() + last - rollout.start),
+            due: 0.0,
+            motion: JointMotion {
+                positions: empty(),
+                velocities: empty(),
+                end: (rollout.position.clone(), rollout.velocity.clone()),
+            },
+        };
+        out.due = out.earliest();
+        out
     }
 
-    fn is_done(&self) -> bool {
-        self.next.iter().all(|next| *next == self.rollout.times.len())
+    /// Time of the next observation of any joint, s.
+    fn earliest(&self) -> f64 {
+        let of = |(next, lag): (&usize, &f64)| self.rollout.times.get(*next).map(|time| time - lag);
+        self.next.iter().zip(&self.lags).filter_map(of).fold(f64::INFINITY, f64::min)
     }
 
     /// Records the observations up to the end of a step.
     fn observe(&mut self, lane: usize, step: u32, batch: &Batch, before: &(Vec<V>, Vec<V>)) {
         let h = batch.time_step;
-        let from = self.rollout.first_time() + f64::from(step - 1) * h;
+        let from = self.first_time + f64::from(step - 1) * h;
         // A thousandth of a step: times are rounded.
         let end = from + 1.001 * h;
+        if self.due > end {
+            return;
+        }
+        let at = |j: usize, time: f64| {
+            let ends = [before.0[j], before.1[j], batch.position[j], batch.velocity[j]];
+            let [p0, v0, p1, v1] = ends.map(|v| v[lane]);
+            hermite([p0, v0 * h, p1, v1 * h], (time - from) / h, h)
+        };
+        if let Some(last) = self.last.filter(|last| *last <= end) {
+            self.last = None;
+            let states = (0..self.next.len()).map(|j| at(j, last));
+            self.motion.end = states.unzip();
+        }
         for j in 0..self.next.len() {
-            let lag = self.rollout.delays(j)[1];
+            let lag = self.lags[j];
             while let Some(time) = self.rollout.times.get(self.next[j]).filter(|time| **time - lag <= end) {
-                let ends = [before.0[j], before.1[j], batch.position[j], batch.velocity[j]];
-                let [p0, v0, p1, v1] = ends.map(|v| v[lane]);
-                let (position, velocity) = hermite([p0, v0 * h, p1, v1 * h], (time - lag - from) / h, h);
+                let (position, velocity) = at(j, time - lag);
                 let k = self.next[j];
-                self.motion.positions[k][j] = self.rollout.measured(j, position);
-                self.motion.velocities[k][j] = velocity;
-                self.motion.commands[k][j] = batch.commands[j][lane];
+                self.motion.positions[j][k] = self.rollout.measured(j, position);
+                self.motion.velocities[j][k] = velocity;
                 self.next[j] += 1;
             }
         }
+        self.due = self.earliest();
     }
 }
 

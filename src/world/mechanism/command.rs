@@ -40,23 +40,44 @@ impl Commands {
         if !self.drives(joint) {
             return 0.0;
         }
-        let whole = to - from;
-        match whole > 0.0 {
-            true => (self.integral(joint, to) - self.integral(joint, from)) / whole,
-            false => self.values[joint][self.index(from)],
-        }
+        self.mean_between(joint, [from, to], [self.index(from), self.index(to)])
     }
 
-    /// Integral of a command from the first time to `time`.
-    fn integral(&self, joint: usize, time: f64) -> f64 {
-        let at = self.index(time);
-        self.integrals[joint][at] + self.values[joint][at] * (time - self.times[at])
+    /// The same for intervals in ascending order, without a search.
+    pub fn next_mean(&self, joint: usize, [from, to]: [f64; 2], cursor: &mut CommandCursor) -> f64 {
+        cursor.from = self.index_after(from, cursor.from);
+        self.mean_between(joint, [from, to], [cursor.from, self.index_after(to, cursor.from)])
+    }
+
+    /// Mean over an interval whose ends are in the pieces `first` and `last`.
+    fn mean_between(&self, joint: usize, [from, to]: [f64; 2], [first, last]: [usize; 2]) -> f64 {
+        if first == last {
+            return self.values[joint][first];
+        }
+        let integral = |time: f64, at: usize| {
+            self.integrals[joint][at] + self.values[joint][at] * (time - self.times[at])
+        };
+        (integral(to, last) - integral(from, first)) / (to - from)
+    }
+
+    /// [`Commands::index`] for a time that is not before piece `at`.
+    fn index_after(&self, time: f64, mut at: usize) -> usize {
+        while self.times.get(at + 1).is_some_and(|next| *next <= time) {
+            at += 1;
+        }
+        at
     }
 
     /// Index of the last time that is not after `time`; 0 if there is none.
     fn index(&self, time: f64) -> usize {
         self.times.partition_point(|t| *t <= time).saturating_sub(1)
     }
+}
+
+/// Place in commands that are read in ascending order.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CommandCursor {
+    from: usize,
 }
 
 #[cfg(test)]

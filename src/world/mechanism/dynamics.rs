@@ -28,6 +28,7 @@ pub struct LinkLanes {
     centre: [V; 2],
     mass: V,
     inertia: V,
+    armature: V,
 }
 
 impl LinkLanes {
@@ -38,7 +39,7 @@ impl LinkLanes {
         for (to, from) in vectors {
             (to[0][lane], to[1][lane]) = (from[0], from[1]);
         }
-        (self.mass[lane], self.inertia[lane]) = (link.mass, link.inertia);
+        (self.mass[lane], self.inertia[lane], self.armature[lane]) = (link.mass, link.inertia, link.armature);
     }
 }
 
@@ -135,6 +136,7 @@ pub fn accelerations<R: Register, const N: usize, const D: usize>(
             h[i][k] = ancestor.turn * angular + dot(ancestor.shift, momentum);
             j = tree.parents[k];
         }
+        h[i][i] = h[i][i] + Wide::load(&tree.links[i].armature);
         if let Some(p) = tree.parents[i] {
             let parent = &mut subtrees[p];
             parent.mass = parent.mass + own.mass;
@@ -242,8 +244,15 @@ fn solve<R: Register, const N: usize, const D: usize>(
 }
 
 /// An empty lane: links of unit mass that do not move.
-pub const IDLE_LINK: Link =
-    Link { offset: [0.0; 2], axis: [0.0; 2], centre: [0.0; 2], tip: [0.0; 2], mass: 1.0, inertia: 1.0 };
+pub const IDLE_LINK: Link = Link {
+    offset: [0.0; 2],
+    axis: [0.0; 2],
+    centre: [0.0; 2],
+    tip: [0.0; 2],
+    mass: 1.0,
+    inertia: 1.0,
+    armature: 0.0,
+};
 
 /// Zeros in all lanes.
 pub const NONE: V = V([0.0; LANES]);

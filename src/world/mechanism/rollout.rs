@@ -23,15 +23,15 @@ pub struct JointRollout<'a> {
     pub field: Option<(&'a TorqueField, Vec<(usize, f64)>)>,
 }
 
-/// Motion of the joints: by observed time, one number per joint.
+/// Motion of the joints: by joint, one number per observed time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointMotion {
     /// As measured: with effects of the encoder.
     pub positions: Vec<Vec<f64>>,
     /// Actual velocities.
     pub velocities: Vec<Vec<f64>>,
-    /// Commands that act at that time.
-    pub commands: Vec<Vec<f64>>,
+    /// Actual positions and velocities from which a rollout that starts at the last observed time continues.
+    pub end: (Vec<f64>, Vec<f64>),
 }
 
 impl JointRollout<'_> {
@@ -64,12 +64,21 @@ impl JointRollout<'_> {
 
     /// Measured position for the actual one of a joint.
     pub(super) fn measured(&self, joint: usize, position: f64) -> f64 {
-        let own = self.terms.iter().filter(|t| t.joint == joint);
-        own.fold(position, |q, term| match term.effect.law {
-            JointLaw::Encoder(measure) => measure(&term.values, q),
-            _ => q,
-        })
+        measured_position(&self.terms, joint, position)
     }
+}
+
+/// Measured position for the actual one of a joint, with the encoder's effects among `terms`.
+pub fn measured_position<'a>(
+    terms: impl IntoIterator<Item = &'a JointTerm>,
+    joint: usize,
+    position: f64,
+) -> f64 {
+    let own = terms.into_iter().filter(|t| t.joint == joint);
+    own.fold(position, |q, term| match term.effect.law {
+        JointLaw::Encoder(measure) => measure(&term.values, q),
+        _ => q,
+    })
 }
 
 /// The effects that a scene declares in its joints.

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::task::Scene;
-use crate::task::joint::{Joint, JointKind, Motor};
+use crate::task::joint::{Joint, JointKind, Motor, Spring};
 
 /// A tree of links, parents first. All frames have the world's directions in the scene's configuration.
 #[derive(Clone, Debug)]
@@ -14,6 +14,7 @@ pub struct Tree {
     pub parents: Vec<Option<usize>>,
     pub links: Vec<Link>,
     pub motors: Vec<Option<Motor>>,
+    pub springs: Vec<Option<Spring>>,
     /// m/s^2
     pub gravity: [f64; 2],
     /// s
@@ -37,6 +38,8 @@ pub struct Link {
     pub mass: f64,
     /// About the centre of mass, kg m^2.
     pub inertia: f64,
+    /// Inertia of what moves with the joint alone: kg m^2, or kg.
+    pub armature: f64,
 }
 
 impl Tree {
@@ -63,6 +66,7 @@ impl Tree {
                 .iter()
                 .map(|j| scene.motors.iter().find(|m| m.joint == j.name).cloned())
                 .collect(),
+            springs: ordered.iter().map(|j| j.spring).collect(),
             parents,
             gravity: scene.gravity,
             time_step: scene.time_step,
@@ -112,5 +116,6 @@ fn link(scene: &Scene, joint: &Joint, parent: [f64; 2]) -> Result<Link> {
         tip,
         mass,
         inertia,
+        armature: joint.armature,
     })
 }

@@ -1,4 +1,4 @@
-//! Arithmetic expressions over named numbers, for a family's derived values: `x1 + d1 / 2 + gap`.
+//! Arithmetic expressions over named numbers, for derived values and rewards of tasks: `x1 + d1 / 2 + gap`.
 //!
 //! `+ - * /`, comparisons (1 if true, else 0), `and`, `or`, `not`, parentheses, `pi` and [`FUNCTIONS`]. There
 //! are no loops, assignments or side effects: evaluation terminates, and results have the same bits on every
