@@ -124,14 +124,18 @@ def _subschemas(document: Mapping[str, Any], schema: Mapping[str, Any]) -> Itera
 COLLECTIONS = ("levels", "phyre")
 
 
-def families(listed: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Source of the tables of environments, in the order of the server's families. `listed`: families by collection; "" is none."""
+def families(listed: Mapping[str, Sequence[Mapping[str, Any]]], control: Sequence[Mapping[str, Any]]) -> str:
+    """Source of the tables of environments, in the order of the server's families. `listed`: families by collection; "" is none.
+    `control`: the built-in control tasks.
+    """
+    driven = "".join(f'    "{task["gymnasium"]}": "{task["name"]}",\n' for task in control)
     ids = "".join(f'    "{f["gymnasium"]}": "{f["name"]}",\n' for own in listed.values() for f in own)
     rows = "".join(f'    "{f["name"]}": "{name}",\n' for name, own in listed.items() if name for f in own)
     return (
         f'"""Families of tasks. {GENERATED} the families of the server."""\n\n'
         f"from __future__ import annotations\n\n#: Gymnasium environment id -> family.\nFAMILIES: dict[str, str] = {{\n{ids}}}\n"
         f"#: Family -> its collection, which a server loads on request.\nCOLLECTIONS: dict[str, str] = {{\n{rows}}}\n"
+        f"#: Gymnasium environment id -> control task.\nCONTROL_TASKS: dict[str, str] = {{\n{driven}}}\n"
     )
 
 
@@ -161,5 +165,6 @@ if __name__ == "__main__":
 
         with iplw.Client("private", collections=COLLECTIONS) as client:
             families_on_server, details = environments.query(client)
-            write(PACKAGE / "families.py", families(families_by_collection(client)))
-            write(environments.DOCUMENT, environments.document(environments.DOCUMENT.read_text(), families_on_server, details))
+            write(PACKAGE / "families.py", families(families_by_collection(client), client.control_tasks()))
+            text = environments.document(environments.DOCUMENT.read_text(), families_on_server, details)
+            write(environments.DOCUMENT, environments.with_control_tasks(text, client.control_tasks()))

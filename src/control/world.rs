@@ -143,10 +143,7 @@ impl ControlWorld {
         if self.config.kind == WorldKind::Real {
             return Err(Error::Refused { reason: "a real world cannot be rolled out: step it".into() });
         }
-        let Some(own) = self.environments.get(environment) else {
-            let allowed = format!("from 0 to {}", self.config.count - 1);
-            return Err(Error::input("environment", environment, allowed));
-        };
+        let own = self.environment(environment)?;
         let state = own.state.as_ref().filter(|_| !own.has_ended).ok_or_else(not_reset)?;
         let mut checked = Vec::with_capacity(sequences.len());
         for (i, sequence) in sequences.iter().enumerate() {
@@ -157,9 +154,15 @@ impl ControlWorld {
         Ok(self.config.model.rollouts(&vec![state; checked.len()], &checked, self.config.reward))
     }
 
-    /// The state of an environment; `None` before its first reset.
-    pub fn state(&self, environment: usize) -> Option<&ControlState> {
-        self.environments[environment].state.as_ref()
+    /// The state of an environment.
+    pub fn state(&self, environment: usize) -> Result<&ControlState> {
+        self.environment(environment)?.state.as_ref().ok_or_else(not_reset)
+    }
+
+    fn environment(&self, index: usize) -> Result<&Environment> {
+        self.environments
+            .get(index)
+            .ok_or_else(|| Error::input("environment", index, format!("from 0 to {}", self.config.count - 1)))
     }
 
     /// Actions in range, one per environment; an error if one is none, or if an environment must be reset first.

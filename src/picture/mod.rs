@@ -3,7 +3,7 @@
 //! All functions are pure: the same data gives the same bytes on every machine. Names come from users, so all text is escaped.
 //! Pictures of scenes contain no text unless [`Style::names`] is set.
 //!
-//! [`scene_svg`] draws a scene; [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it; [`animation_png`] an animated
+//! [`scene_svg, scene_svg_within`] draws a scene; [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it; [`animation_png`] an animated
 //! PNG; [`final_frame_svg`] its last frame; [`contact_sheet_svg`] a contact sheet; [`overlay_svg`] measured over simulated trajectories; [`plan_svgs`] plans; [`plot`] plots data;
 //! [`surface`] draws performance surfaces; [`svg_to_png`] rasterises any of them, and [`HtmlReport`] is a page.
 
@@ -31,6 +31,6 @@ pub use overlay::{OverlayPanel, overlay_svg};
 pub use plan::plan_svgs;
 pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
 pub use report::{Block, HtmlReport, Section};
-pub use scene::{Style, scene_svg};
+pub use scene::{Style, scene_svg, scene_svg_within};
 pub use success_map::success_map_svg;
 pub use svg::{colour, escape};

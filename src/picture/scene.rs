@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::svg::{colour, darker, escape, is_light, points, px};
 use super::theme::light;
 use super::viewport::Viewport;
-use crate::task::geometry::Convex;
+use crate::task::geometry::{Aabb, Convex};
 use crate::task::scene::Goal;
 use crate::task::solid::Solid;
 use crate::task::{Scene, scene::Body};
@@ -36,6 +36,15 @@ impl Style {
 /// Draws a scene; bodies without a position are left out.
 pub fn scene_svg(scene: &Scene, style: &Style) -> String {
     let (view, body) = scene_elements(scene, style);
+    document(view.width, view.height, &title(scene), &body)
+}
+
+/// Draws the part of a scene in a box: [left, bottom, right, top], m.
+pub fn scene_svg_within(scene: &Scene, bounds: Aabb, style: &Style) -> String {
+    let view = Viewport::of_box(bounds, style.width_px());
+    let mut body = String::new();
+    draw_statics(&mut body, scene, &view);
+    draw_bodies(&mut body, scene, &view);
     document(view.width, view.height, &title(scene), &body)
 }
 

@@ -64,6 +64,12 @@ impl Viewport {
         Viewport { bounds, width, height: (h * scale).round().max(1.0), scale }
     }
 
+    /// A viewport `width` px wide of a box in the world.
+    pub fn of_box(bounds: Aabb, width: f64) -> Viewport {
+        let scale = width / (bounds[2] - bounds[0]);
+        Viewport { bounds, width, height: ((bounds[3] - bounds[1]) * scale).round().max(1.0), scale }
+    }
+
     /// Maps a point of the world to px.
     pub fn at(&self, p: [f64; 2]) -> [f64; 2] {
         [(p[0] - self.bounds[0]) * self.scale, (self.bounds[3] - p[1]) * self.scale]

@@ -23,11 +23,14 @@ const ENCODER_MODES: usize = 2;
 /// Largest plausible encoder error as a share of the range of positions.
 const ENCODER_OF_RANGE: f64 = 0.001;
 
+/// Least squared response to a combination of functions, in units of the noise, for it to matter.
+const LEAST_SQUARE: f64 = 0.1;
+
 /// Responses of all segments to the shared discrepancy.
 pub struct JointDiscrepancy {
-    /// By segment: response of the observations to each function at its largest plausible size.
+    /// By segment, in white coordinates: response to each combination of functions at its largest plausible size.
     pub responses: Vec<DMatrix<f64>>,
-    /// By segment: response to a constant torque in each joint of 1 % of the typical one.
+    /// By segment, in white coordinates: response to a constant torque in each joint of 1 % of the typical one.
     pub constant: Vec<DMatrix<f64>>,
     /// Ratio of a broad field, as large as the missing torque, to the largest plausible one.
     pub broad_ratio: f64,
@@ -53,7 +56,7 @@ pub fn discrepancy(
     let constant = responses.iter().map(|all| {
         DMatrix::from_fn(all.nrows(), joints, |i, j| all[(i, constants[j])] / sizes[constants[j]] * base(j))
     });
-    let constant = constant.collect();
+    let constant: Vec<DMatrix<f64>> = constant.collect();
     for (segment, all) in recording.segments.iter().zip(&mut responses) {
         let (count, before) = (segment.states.len(), all.ncols());
         let mut wide = std::mem::replace(all, DMatrix::zeros(0, 0))
@@ -77,7 +80,23 @@ pub fn discrepancy(
     }
     let ratio = |j: usize| recording.scales[j].missing_torque / cap(j);
     let broad_ratio = (0..joints).map(ratio).fold(3.0, f64::max);
-    Some(JointDiscrepancy { responses, constant, broad_ratio })
+    let white = |all: &[DMatrix<f64>]| -> Vec<DMatrix<f64>> {
+        recording.segments.iter().zip(all).map(|(segment, own)| recording.white(segment, own)).collect()
+    };
+    let responses = distinguishable(&white(&responses), broad_ratio);
+    Some(JointDiscrepancy { responses, constant: white(&constant), broad_ratio })
+}
+
+/// Responses to the combinations of functions, of unit norm, that the recording could show: whose squared response to the largest
+/// plausible broad field is above [`LEAST_SQUARE`]. Rotations of coefficients keep their prior.
+fn distinguishable(responses: &[DMatrix<f64>], broad_ratio: f64) -> Vec<DMatrix<f64>> {
+    let count = responses[0].ncols();
+    let gram = responses.iter().fold(DMatrix::zeros(count, count), |sum, own| sum + own.tr_mul(own));
+    let eigen = gram.symmetric_eigen();
+    let kept: Vec<usize> =
+        (0..count).filter(|k| eigen.eigenvalues[*k] * broad_ratio * broad_ratio > LEAST_SQUARE).collect();
+    let rotation = eigen.eigenvectors.select_columns(&kept);
+    responses.iter().map(|own| own * &rotation).collect()
 }
 
 /// The functions over the range of the data.

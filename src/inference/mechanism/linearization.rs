@@ -55,16 +55,22 @@ impl JointRecording<'_> {
     /// Linearizations at parameter values and initial states (positions, then velocities, by segment); `None` if a simulation
     /// diverges.
     pub fn linearise(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Option<Vec<JointLinearization>> {
-        let all = self.linearizations(terms, &slots(terms), states);
+        let every: Vec<usize> = (0..self.segments.len()).collect();
+        let all = self.linearizations(terms, &slots(terms), states, &every);
         let finite = |l: &JointLinearization| {
             l.residual.iter().chain(l.jacobian.iter()).chain(l.nuisances.iter()).all(|v| v.is_finite())
         };
         all.iter().all(finite).then_some(all)
     }
 
-    /// The same by initial states alone; residuals of segments that diverge are not finite.
-    pub fn linearise_states(&self, terms: &[JointTerm], states: &[Vec<f64>]) -> Vec<JointLinearization> {
-        self.linearizations(terms, &[], states)
+    /// The same by initial states alone, of some segments; residuals of segments that diverge are not finite.
+    pub fn linearise_states(
+        &self,
+        terms: &[JointTerm],
+        states: &[Vec<f64>],
+        which: &[usize],
+    ) -> Vec<JointLinearization> {
+        self.linearizations(terms, &[], states, which)
     }
 
     fn linearizations(
@@ -72,6 +78,7 @@ impl JointRecording<'_> {
         terms: &[JointTerm],
         slots: &[Slot],
         states: &[Vec<f64>],
+        which: &[usize],
     ) -> Vec<JointLinearization> {
         let joints = self.noise.len();
         let steps: Vec<f64> = slots.iter().map(|slot| self.step(terms, *slot)).collect();
@@ -80,8 +87,8 @@ impl JointRecording<'_> {
             STATE_STEP * if k < joints { scales.range } else { scales.velocity }
         };
         let mut rollouts = Vec::new();
-        for (segment, state) in self.segments.iter().zip(states) {
-            let rollout = self.rollout(segment, terms, state);
+        for w in which {
+            let rollout = self.rollout(&self.segments[*w], terms, &states[*w]);
             rollouts.push(rollout.clone());
             for (slot, step) in slots.iter().zip(&steps) {
                 let mut moved = rollout.clone();
@@ -98,21 +105,20 @@ impl JointRecording<'_> {
             }
         }
         let motions = simulate(&rollouts);
-        let each =
-            motions.chunks(1 + slots.len() + 2 * joints).zip(&self.segments).map(|(motions, segment)| {
-                let base = rows(&motions[0]);
-                let column = |k: usize, step: f64| (rows(&motions[1 + k]) - &base) / step;
-                let jacobian: Vec<DVector<f64>> =
-                    steps.iter().enumerate().map(|(k, step)| column(k, *step)).collect();
-                let nuisances: Vec<DVector<f64>> =
-                    (0..2 * joints).map(|k| column(slots.len() + k, state_step(k))).collect();
-                let count = base.len();
-                JointLinearization {
-                    residual: self.observed(segment) - base,
-                    jacobian: DMatrix::from_fn(count, jacobian.len(), |i, k| jacobian[k][i]),
-                    nuisances: DMatrix::from_columns(&nuisances),
-                }
-            });
+        let each = motions.chunks(1 + slots.len() + 2 * joints).zip(which).map(|(motions, w)| {
+            let base = rows(&motions[0]);
+            let column = |k: usize, step: f64| (rows(&motions[1 + k]) - &base) / step;
+            let jacobian: Vec<DVector<f64>> =
+                steps.iter().enumerate().map(|(k, step)| column(k, *step)).collect();
+            let nuisances: Vec<DVector<f64>> =
+                (0..2 * joints).map(|k| column(slots.len() + k, state_step(k))).collect();
+            let count = base.len();
+            JointLinearization {
+                residual: self.observed(&self.segments[*w]) - base,
+                jacobian: DMatrix::from_fn(count, jacobian.len(), |i, k| jacobian[k][i]),
+                nuisances: DMatrix::from_columns(&nuisances),
+            }
+        });
         each.collect()
     }
 

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::discrepancy::JointDiscrepancy;
-use super::linearization::{JointLinearization, Terms, declaration, slots};
+use super::linearization::{JointLinearization, Slot, Terms, declaration, slots};
 use super::recording::JointRecording;
 use crate::error::{Error, Result};
 use crate::inference::mixed_model::coordinates::orthonormalise;
@@ -20,13 +20,14 @@ use crate::progress::Progress;
 const MAX_STEPS: usize = 12;
 const MAX_HALVINGS: usize = 3;
 const TOLERANCE: f64 = 0.05;
-/// Maximum number of steps of initial states alone, beside a step of the parameters, and of searches of states in a fit; relative decrease of squares below which they end, and the factor of a step
+/// Maximum number of steps of initial states alone, and of searches of states in a fit; relative decrease of squares below which they end, and the factor of a step
 /// after a failure.
 const MAX_STATE_STEPS: usize = 12;
-const STATE_STEPS_BESIDE: usize = 3;
 const MAX_STATE_UPDATES: usize = 3;
 const STATE_TOLERANCE: f64 = 1e-3;
 const STATE_STEP_SHRINKAGE: f64 = 0.3;
+/// Maximum number of failures of such a step one after the other.
+const MAX_STATE_FAILURES: usize = 3;
 
 /// Estimates and data that all sets of effects share.
 pub struct JointContext<'a, 'b> {
@@ -54,6 +55,7 @@ pub struct JointFit {
 struct JointIterate {
     terms: Terms,
     states: Vec<Vec<f64>>,
+    linearizations: Vec<JointLinearization>,
     groups: Vec<Group>,
     statistics: Vec<GroupStatistics>,
     prior: FixedEffectsPrior,
@@ -101,7 +103,7 @@ impl JointContext<'_, '_> {
         let (mut fraction, mut halvings) = (1.0, 0);
         for _ in 0..MAX_STEPS {
             let terms = self.stepped(&best, fraction);
-            let (states, _) = self.settled(&terms, best.states.clone(), STATE_STEPS_BESIDE)?;
+            let states = self.predicted_states(&best, &terms);
             let candidate = self.evaluate(terms, states)?;
             match candidate.filter(|c| c.log_posterior > best.log_posterior) {
                 Some(candidate) => {
@@ -119,6 +121,24 @@ impl JointContext<'_, '_> {
         Ok(best)
     }
 
+    /// Initial states that fit each segment best with other values of the parameters, by the linearization.
+    fn predicted_states(&self, from: &JointIterate, terms: &Terms) -> Vec<Vec<f64>> {
+        let value = |terms: &Terms, slot: &Slot| terms[slot.term].values[slot.parameter];
+        let change: Vec<f64> =
+            slots(terms).iter().map(|slot| value(terms, slot) - value(&from.terms, slot)).collect();
+        let change = DVector::from_vec(change);
+        let of = |(w, own): (usize, &JointLinearization)| {
+            let segment = &self.recording.segments[w];
+            let residual = &own.residual - &own.jacobian * &change;
+            let right = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
+            let right = self.recording.white(segment, &right);
+            let solved = self.recording.white(segment, &own.nuisances).svd(true, true).solve(&right, 1e-12);
+            let step = solved.unwrap_or_else(|_| DMatrix::zeros(own.nuisances.ncols(), 1));
+            from.states[w].iter().zip(step.iter()).map(|(state, by)| state + by).collect()
+        };
+        from.linearizations.iter().enumerate().map(of).collect()
+    }
+
     /// Initial states that fit each segment best, by Gauss-Newton steps with damping, and the squares.
     fn settled(
         &self,
@@ -130,10 +150,11 @@ impl JointContext<'_, '_> {
         // By segment: the best square and states, and the step from there with its fraction.
         let mut best: Vec<(f64, Vec<f64>)> = states.iter().map(|s| (f64::INFINITY, s.clone())).collect();
         let mut steps: Vec<(Vec<f64>, f64)> = states.iter().map(|s| (vec![0.0; s.len()], 1.0)).collect();
+        let (mut active, mut failures) = ((0..states.len()).collect::<Vec<usize>>(), vec![0; states.len()]);
         for _ in 0..most {
             self.progress.check_stop()?;
-            let mut is_done = true;
-            for (w, own) in recording.linearise_states(terms, &states).into_iter().enumerate() {
+            let mut unsettled = Vec::with_capacity(active.len());
+            for (w, own) in active.iter().copied().zip(recording.linearise_states(terms, &states, &active)) {
                 let segment = &recording.segments[w];
                 let right = recording.white(
                     segment,
@@ -141,7 +162,10 @@ impl JointContext<'_, '_> {
                 );
                 let (square, step) = (right.norm_squared(), &mut steps[w]);
                 if square < best[w].0 {
-                    is_done &= square > (1.0 - STATE_TOLERANCE) * best[w].0;
+                    if square < (1.0 - STATE_TOLERANCE) * best[w].0 {
+                        unsettled.push(w);
+                    }
+                    failures[w] = 0;
                     best[w] = (square, states[w].clone());
                     let solved =
                         recording.white(segment, &own.nuisances).svd(true, true).solve(&right, 1e-12);
@@ -149,11 +173,15 @@ impl JointContext<'_, '_> {
                         (solved.map_or_else(|_| vec![0.0; states[w].len()], |m| m.as_slice().to_vec()), 1.0);
                 } else {
                     step.1 *= STATE_STEP_SHRINKAGE;
-                    is_done &= best[w].0.is_finite();
+                    failures[w] += 1;
+                    if failures[w] < MAX_STATE_FAILURES {
+                        unsettled.push(w);
+                    }
                 }
                 states[w] = best[w].1.iter().zip(&step.0).map(|(s, by)| s + step.1 * by).collect();
             }
-            if is_done {
+            active = unsettled;
+            if active.is_empty() {
                 break;
             }
         }
@@ -175,7 +203,16 @@ impl JointContext<'_, '_> {
         let prior = self.prior(&terms);
         let Some(laplace) = marginal_evidence(&statistics, &prior) else { return Ok(None) };
         let log_posterior = profile_log_posterior(&statistics, &prior, laplace.scale);
-        Ok(Some(JointIterate { terms, states, groups, statistics, prior, laplace, log_posterior }))
+        Ok(Some(JointIterate {
+            terms,
+            states,
+            linearizations,
+            groups,
+            statistics,
+            prior,
+            laplace,
+            log_posterior,
+        }))
     }
 
     /// Prior of the terms' parameters, relative to their values.
@@ -209,16 +246,16 @@ impl JointContext<'_, '_> {
     fn block(&self, w: usize, terms: &Terms, own: &JointLinearization) -> SegmentBlock {
         let (recording, segment) = (self.recording, &self.recording.segments[w]);
         let (nuisances, _) = orthonormalise(&recording.white(segment, &own.nuisances));
-        let project = |columns: &DMatrix<f64>| {
-            let white = recording.white(segment, columns);
-            let along = nuisances.tr_mul(&white);
+        let project_white = |white: &DMatrix<f64>| {
+            let along = nuisances.tr_mul(white);
             white - &nuisances * along
         };
+        let project = |columns: &DMatrix<f64>| project_white(&recording.white(segment, columns));
         let parameters = project(&own.jacobian);
         let residual = project(&DMatrix::from_column_slice(own.residual.len(), 1, own.residual.as_slice()));
         let rows = parameters.nrows();
-        let shared = self.discrepancy.as_ref().map(|d| project(&d.responses[w]));
-        let constant = self.discrepancy.as_ref().map(|d| project(&d.constant[w]));
+        let shared = self.discrepancy.as_ref().map(|d| project_white(&d.responses[w]));
+        let constant = self.discrepancy.as_ref().map(|d| project_white(&d.constant[w]));
         let columns = |m: &Option<DMatrix<f64>>| m.as_ref().map_or(0, |m| m.ncols());
         let mut jacobian = parameters.clone().resize_horizontally(parameters.ncols() + columns(&shared), 0.0);
         if let Some(shared) = &shared {
@@ -265,7 +302,7 @@ impl JointContext<'_, '_> {
     fn fitted(&self, best: JointIterate) -> JointFit {
         let JointIterate { terms, states, groups, statistics, prior, laplace, log_posterior, .. } = best;
         let slots = slots(&terms);
-        let beyond = |(k, slot): (usize, &super::linearization::Slot)| {
+        let beyond = |(k, slot): (usize, &Slot)| {
             let (own, value) = (declaration(&terms, *slot), terms[slot.term].values[slot.parameter]);
             let sd = laplace.covariance[(k, k)].sqrt();
             let wanted = value + laplace.step[k];

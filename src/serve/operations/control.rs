@@ -4,7 +4,12 @@ use std::sync::{Arc, Mutex};
 
 use crate::control::{ControlModel, ControlPhysics, ControlWorld, ControlWorldConfig};
 use crate::error::{Error, Result};
-use crate::serve::operation::{ACT, JsonBody, Operation, PathId, READ, delete, get, post};
+use crate::picture::{Style, scene_svg_within, svg_to_png_within};
+use crate::serve::operation::{
+    ACT, Extractor, JsonBody, MediaBody, Operation, OperationDoc, OperationRequest, PathId, READ, delete,
+    get, post,
+};
+use crate::serve::problem::HandlerResult;
 use crate::serve::request_context::RequestContext;
 use crate::serve::wire::{
     ControlResetIn, ControlResetOut, ControlRolloutIn, ControlRolloutOut, ControlStepIn, ControlStepOut,
@@ -52,6 +57,11 @@ pub fn operations() -> Vec<Operation> {
             .about("Simulates many sequences of actions from an environment's state, which does not change.")
             .errors(&[(404, ""), (409, "The world is real, or must be reset first"), (413, "")])
             .compute_handler(rollout),
+        get("render_control_world", "/v1/control/worlds/{id}/render", "control", READ)
+            .about("Draws an environment as it is, as PNG.")
+            .media_response(200, "The image", &["image/png"])
+            .errors(&[(404, ""), (409, "The environment must be reset first"), (422, "")])
+            .compute_handler(render),
         post("set_control_physics", "/v1/control/worlds/{id}/set_physics", "control", ACT)
             .about(
                 "Replaces the effects and noise of a simulated world, from the next resets on. Parameters with ranges are drawn at \
@@ -138,6 +148,54 @@ fn rollout(
     check_work(&world.config.model, body.actions.len(), longest)?;
     let rolled = world.rollouts(body.environment.unwrap_or(0), &body.actions)?;
     Ok(ControlRolloutOut::new(&rolled, longest))
+}
+
+/// Query parameters of a picture: an environment, and the width, px.
+struct ControlRenderQuery(usize, u32);
+
+impl Extractor for ControlRenderQuery {
+    fn describe(to: &mut OperationDoc) {
+        to.query::<u32>("environment", "Number of the environment. Default: 0");
+        to.query::<u32>("width", "Width in pixels, 16 to 4096. Default: 512");
+    }
+
+    fn extract(from: &mut OperationRequest) -> HandlerResult<ControlRenderQuery> {
+        let mut out = ControlRenderQuery(0, 512);
+        for (key, value) in from.query()? {
+            let refuse = |allowed: &str| Error::input(key.as_str(), format!("{value:?}"), allowed);
+            match key.as_str() {
+                "environment" => out.0 = value.parse().map_err(|_| refuse("the number of an environment"))?,
+                "width" => {
+                    let width = value.parse().ok().filter(|width| (16..=4096).contains(width));
+                    out.1 = width.ok_or_else(|| refuse("a whole number of pixels from 16 to 4096"))?;
+                }
+                _ => return Err(refuse("a parameter environment or width").into()),
+            }
+        }
+        Ok(out)
+    }
+}
+
+fn render(
+    app: &RequestContext,
+    (PathId(id), ControlRenderQuery(environment, width)): (PathId, ControlRenderQuery),
+) -> Result<MediaBody> {
+    let world = world(app, &id)?;
+    let (scene, [left, bottom, right, top]) = {
+        let world = lock(&*world);
+        let model = &world.config.model;
+        let state = world.state(environment)?;
+        (model.tree.posed(&model.task.scene, &state.position), model.tree.reach())
+    };
+    // Square, as frames of films are.
+    let half = 0.55 * (right - left).max(top - bottom);
+    let [x, y] = [0.5 * (left + right), 0.5 * (bottom + top)];
+    let svg = scene_svg_within(
+        &scene,
+        [x - half, y - half, x + half, y + half],
+        &Style { width, ..Style::default() },
+    );
+    Ok(MediaBody { kind: "image/png", bytes: svg_to_png_within(app.budget(), &svg, width)? })
 }
 
 fn set_physics(

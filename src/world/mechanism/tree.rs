@@ -75,6 +75,61 @@ impl Tree {
         })
     }
 
+    /// Origin (m) and angle (rad) of each link's frame at joint positions.
+    pub fn frames(&self, q: &[f64]) -> Vec<([f64; 2], f64)> {
+        let mut out: Vec<([f64; 2], f64)> = Vec::with_capacity(self.links.len());
+        for (j, link) in self.links.iter().enumerate() {
+            let (origin, angle) = self.parents[j].map_or(([0.0; 2], 0.0), |p| out[p]);
+            let (along, turn) = match self.kinds[j] {
+                JointKind::Revolute => (0.0, q[j]),
+                JointKind::Prismatic => (q[j], 0.0),
+            };
+            let [x, y] = [0, 1].map(|k| link.offset[k] + along * link.axis[k]);
+            let (sin, cos) = libm::sincos(angle);
+            out.push(([origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y], angle + turn));
+        }
+        out
+    }
+
+    /// The scene with its bodies where joint positions put them.
+    pub fn posed(&self, scene: &Scene, q: &[f64]) -> Scene {
+        let mut out = scene.clone();
+        for ((origin, angle), name) in self.frames(q).into_iter().zip(&self.names) {
+            let Some(joint) = scene.joints.iter().find(|joint| joint.name == *name) else { continue };
+            let Some(body) = out.bodies.iter_mut().find(|body| body.name == joint.body) else { continue };
+            let (sin, cos) = libm::sincos(angle);
+            body.position = body.position.map(|[x, y]| {
+                let [x, y] = [x - joint.anchor[0], y - joint.anchor[1]];
+                [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y]
+            });
+            body.angle += angle;
+        }
+        out
+    }
+
+    /// A box that the mechanism does not leave, with some room for joints that slide on the world: [left, bottom, right, top], m.
+    pub fn reach(&self) -> [f64; 4] {
+        const SLIDE: f64 = 2.4;
+        let mut radii: Vec<f64> = Vec::with_capacity(self.links.len());
+        let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        for (j, link) in self.links.iter().enumerate() {
+            let tip = link.tip[0].hypot(link.tip[1]);
+            let own = match self.parents[j] {
+                Some(parent) => radii[parent] + link.offset[0].hypot(link.offset[1]),
+                None => 0.0,
+            };
+            radii.push(own);
+            let root = std::iter::successors(Some(j), |j| self.parents[*j]).last().unwrap_or(j);
+            let base = &self.links[root];
+            for k in 0..2 {
+                let room = own + tip + SLIDE * base.axis[k].abs();
+                bounds[k] = bounds[k].min(base.offset[k] - room);
+                bounds[k + 2] = bounds[k + 2].max(base.offset[k] + room);
+            }
+        }
+        bounds
+    }
+
     /// Index of the joint named `name`.
     pub fn joint(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| n == name)

@@ -14,7 +14,7 @@ The modules, from the top down; each imports only those below it:
 
 | module | contents |
 |---|---|
-| `envs`, `vector`, `sharding`, `video`, `browser`, `registration`, `families` | Gymnasium environments |
+| `envs`, `vector`, `control_envs`, `sharding`, `video`, `browser`, `registration`, `families` | Gymnasium environments |
 | `aio`, `sync` | the client and its resources (worlds, jobs, policies, surfaces, likelihoods): written once, in `aio`; `generate.py` derives `sync` |
 | `runner` | the difference between the two: blocking calls in the calling thread or in a thread pool |
 | `plot`, `notebook`, `progress` | matplotlib figures; job progress in a notebook or as a tqdm bar |
@@ -28,8 +28,19 @@ The modules, from the top down; each imports only those below it:
 """
 
 from . import plot
-from .aio import AsyncAskTellJob, AsyncBranch, AsyncClient, AsyncJob, AsyncLikelihood, AsyncPolicy, AsyncSurface, AsyncWorld
+from .aio import (
+    AsyncAskTellJob,
+    AsyncBranch,
+    AsyncClient,
+    AsyncControlWorld,
+    AsyncJob,
+    AsyncLikelihood,
+    AsyncPolicy,
+    AsyncSurface,
+    AsyncWorld,
+)
 from .branching import BodyState
+from .control_envs import ControlEnv, ControlVectorEnv
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
 from .outcomes import Outcomes
@@ -40,7 +51,7 @@ from .results import Diagnosis, Estimate, Result, Score, Training
 from .rollout import Rollout, Rollouts
 from .rows import Rounds, Rows
 from .scene import Scene
-from .sync import AskTellJob, Branch, Client, Job, Likelihood, Policy, Surface, World
+from .sync import AskTellJob, Branch, Client, ControlWorld, Job, Likelihood, Policy, Surface, World
 from .trials import Trials
 from .vector import PlacementVectorEnv, make_vec
 from .version import package_version
@@ -53,6 +64,7 @@ __all__ = [
     "AsyncAskTellJob",
     "AsyncBranch",
     "AsyncClient",
+    "AsyncControlWorld",
     "AsyncJob",
     "AsyncLikelihood",
     "AsyncPolicy",
@@ -61,6 +73,9 @@ __all__ = [
     "BodyState",
     "Branch",
     "Client",
+    "ControlEnv",
+    "ControlVectorEnv",
+    "ControlWorld",
     "Diagnosis",
     "Estimate",
     "Film",

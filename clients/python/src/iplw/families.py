@@ -80,3 +80,12 @@ COLLECTIONS: dict[str, str] = {
     "phyre_23": "phyre",
     "phyre_24": "phyre",
 }
+#: Gymnasium environment id -> control task.
+CONTROL_TASKS: dict[str, str] = {
+    "iplw/PendulumSwingUp-v0": "pendulum_swing_up",
+    "iplw/CartPoleBalance-v0": "cart_pole_balance",
+    "iplw/CartPoleSwingUp-v0": "cart_pole_swing_up",
+    "iplw/Acrobot-v0": "acrobot",
+    "iplw/Reacher-v0": "reacher",
+    "iplw/BallOnBeam-v0": "ball_on_beam",
+}

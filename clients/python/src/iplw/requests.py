@@ -192,6 +192,18 @@ def step_worlds(
     return Request("step_worlds", args, _identity, extra_timeout_s=EXTRA_S_PER_ACTION * len(worlds), raw_arrays=True)
 
 
+def control(op: str, id: str, count: int, **args: Any) -> Request[dict[str, Any]]:
+    """Resets, steps or rolls out `count` motions of a control world."""
+    named = drop_none(id=id, **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in args.items()})
+    return Request(op, named, _identity, extra_timeout_s=EXTRA_S_PER_ACTION * count, raw_arrays=True)
+
+
+def render_control(id: str, environment: int, width: int) -> Request[bytes]:
+    """Draws an environment of a control world."""
+    args = {"id": id, "environment": environment, "width": width}
+    return Request("render_control_world", args, _identity, extra_timeout_s=10.0, returns_bytes=True)
+
+
 def act(id: str, task: str, count: int) -> Request[list[Ranked]]:
     """The highest-ranked actions of a policy."""
     return Request("act", {"id": id, "task": task, "count": count}, read_ranking, extra_timeout_s=10.0)

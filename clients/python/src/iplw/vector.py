@@ -27,7 +27,7 @@ from .sharding import ShardedWorlds
 from .sync import Client, World
 
 #: Autoreset mode -> wire name.
-_MODES = {
+AUTORESET_NAMES = {
     AutoresetMode.NEXT_STEP: "next_step",
     AutoresetMode.SAME_STEP: "same_step",
     AutoresetMode.DISABLED: "disabled",
@@ -151,7 +151,7 @@ class PlacementVectorEnv(envs.Reconnecting, VectorEnv[NDArray[Any], NDArray[Any]
         split = None if self._mode is AutoresetMode.DISABLED else self._split
         self._check_consistent("step")
         answer = self._shards.send(
-            lambda shard: requests.step_worlds(shard.worlds, valid_actions[shard.slice], _MODES[self._mode], split),
+            lambda shard: requests.step_worlds(shard.worlds, valid_actions[shard.slice], AUTORESET_NAMES[self._mode], split),
             self._may_be_refused(valid_actions),
         )
         reset = np.asarray(answer["reset"], np.bool_)

@@ -17,6 +17,7 @@ from ..rows import Rows
 from ..runner import AsyncRunner
 from ..scene import Scene
 from .ask_tell import AsyncAskTellJob
+from .control import AsyncControlWorld
 from .job import AsyncJob
 from .likelihood import AsyncLikelihood
 from .connection import AsyncConnection
@@ -137,6 +138,35 @@ class AsyncClient:
             seed=seed,
         )
         return AsyncWorld(self._connection, await self._connection.do(requests.post("create_world", body, key)), scene)
+
+    async def control_tasks(self) -> Rows:
+        """The built-in control tasks: name, about, times, actions, observations, joints, scene."""
+        return Rows((await self._connection.do(requests.post("list_control_tasks", {})))["tasks"])
+
+    async def create_control_world(
+        self,
+        task: str | None = None,
+        *,
+        definition: Mapping[str, Any] | None = None,
+        kind: str | None = None,
+        count: int | None = None,
+        reward: str | None = None,
+        physics: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+    ) -> AsyncControlWorld:
+        """Creates environments of a control task: a mechanism that is driven in many steps.
+
+        - `task`: a built-in one (`pendulum_swing_up`), or a `definition`: an `iplw.control/1` document.
+        - `kind`: `sim` (default), or `real`: with the task's hidden physics.
+        - `count`: number of environments (1); `reward`: `dense` (default) or `sparse`.
+        - `physics`: `effects` and `noise` of a simulated world, as for `set_physics`.
+
+        The world is deleted after a long idle time, and ends with the server. `Problem` if a setting is not allowed.
+        """
+        body = drop_none(
+            task=task, definition=definition, kind=kind, count=count, reward=reward, physics=physics, seed=seed
+        )
+        return AsyncControlWorld(self._connection, await self._connection.do(requests.post("create_control_world", body)))
 
     async def tasks(self) -> Rows:
         """The task families: name, about, number of tasks, split, action space."""

@@ -4,10 +4,21 @@
 from .ask_tell import AskTellJob
 from .branch import Branch
 from .client import Client
+from .control import ControlWorld
 from .job import Job
 from .likelihood import Likelihood
 from .policy import Policy
 from .surface import Surface
 from .world import World
 
-__all__ = ["AskTellJob", "Branch", "Client", "Job", "Likelihood", "Policy", "Surface", "World"]
+__all__ = [
+    "AskTellJob",
+    "Branch",
+    "Client",
+    "ControlWorld",
+    "Job",
+    "Likelihood",
+    "Policy",
+    "Surface",
+    "World",
+]

@@ -18,6 +18,7 @@ from ..rows import Rows
 from ..runner import Runner
 from ..scene import Scene
 from .ask_tell import AskTellJob
+from .control import ControlWorld
 from .job import Job
 from .likelihood import Likelihood
 from .connection import Connection
@@ -135,6 +136,35 @@ class Client:
             seed=seed,
         )
         return World(self._connection, self._connection.do(requests.post("create_world", body, key)), scene)
+
+    def control_tasks(self) -> Rows:
+        """The built-in control tasks: name, about, times, actions, observations, joints, scene."""
+        return Rows((self._connection.do(requests.post("list_control_tasks", {})))["tasks"])
+
+    def create_control_world(
+        self,
+        task: str | None = None,
+        *,
+        definition: Mapping[str, Any] | None = None,
+        kind: str | None = None,
+        count: int | None = None,
+        reward: str | None = None,
+        physics: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+    ) -> ControlWorld:
+        """Creates environments of a control task: a mechanism that is driven in many steps.
+
+        - `task`: a built-in one (`pendulum_swing_up`), or a `definition`: an `iplw.control/1` document.
+        - `kind`: `sim` (default), or `real`: with the task's hidden physics.
+        - `count`: number of environments (1); `reward`: `dense` (default) or `sparse`.
+        - `physics`: `effects` and `noise` of a simulated world, as for `set_physics`.
+
+        The world is deleted after a long idle time, and ends with the server. `Problem` if a setting is not allowed.
+        """
+        body = drop_none(
+            task=task, definition=definition, kind=kind, count=count, reward=reward, physics=physics, seed=seed
+        )
+        return ControlWorld(self._connection, self._connection.do(requests.post("create_control_world", body)))
 
     def tasks(self) -> Rows:
         """The task families: name, about, number of tasks, split, action space."""
