@@ -361,6 +361,15 @@ class Stage:
 
         return str(self.made_once(f"world {name} {sorted(fields)}", make))
 
+    def control_world(self) -> str:
+        def make() -> str:
+            status, made = self.ask("POST", "/v1/control/worlds", {"task": "reacher", "count": 4096})
+            assert status == 201, made
+            assert self.ask("POST", f"/v1/control/worlds/{made['id']}/reset", {"seed": 1})[0] == 200
+            return str(made["id"])
+
+        return str(self.made_once("control world", make))
+
     def worlds(self, count: int = 2000) -> list[str]:
         def make() -> list[str]:
             status, made = self.ask("POST", "/v1/batch/worlds", {"count": count, "task": "bowling"})
@@ -628,6 +637,53 @@ def scene_cases() -> Iterator[Case]:
         lambda _: post("/v1/simulate", {"scene": boxes(steps=65_000, observe_every=1), "action": [0.5, 0.5]}),
     )
     yield Case("create_world", "an unnamed field of 16 MB", lambda _: post("/v1/worlds", {"x" * WHOLE_BODY: 1}))
+
+
+def control_cases() -> Iterator[Case]:
+    """Operations on control worlds."""
+
+    def base(s: Stage) -> str:
+        return f"/v1/control/worlds/{s.control_world()}"
+
+    wide_values = [[f"v{i}", " + ".join(["hinge"] * 40)] for i in range(64)]
+    scene = {
+        "format": "iplw.scene/2",
+        "bodies": [{"name": "rod", "shape": {"type": "disc", "radius": 0.1}, "mass": 1, "position": [0, -0.5]}],
+        "joints": [{"name": "hinge", "kind": "revolute", "body": "rod", "anchor": [0, 0]}],
+        "motors": [{"joint": "hinge", "control": "torque", "max_torque": 1}],
+        "time_step": 0.0001,
+    }
+    definition = {
+        "format": "iplw.control/1",
+        "name": "wide",
+        "scene": scene,
+        "interval": 1.0,
+        "time_limit": 1000.0,
+        "actions": {"hinge": [-1, 1]},
+        "values": wide_values,
+        "observations": [{"name": "v", "value": "v63"}],
+        "reward": {"dense": "v63", "sparse": "v63"},
+    }
+    yield Case("list_control_tasks", "all", lambda _: Request("GET", "/v1/control/tasks"))
+    yield Case("create_control_world", "4096 environments", lambda _: post("/v1/control/worlds", {"task": "reacher", "count": 4096}))
+    yield Case("create_control_world", "64 long expressions", lambda _: post("/v1/control/worlds", {"definition": definition}))
+    yield Case("get_control_world", "4096 environments", lambda s: Request("GET", base(s)))
+    yield Case("reset_control_world", "4096 environments", lambda s: post(f"{base(s)}/reset", {"seed": 1}))
+    yield Case(
+        "step_control_world",
+        "4096 environments",
+        lambda s: post(f"{base(s)}/step", {"actions": [[0.1, 0.1]] * 4096, "autoreset": "same_step"}),
+    )
+    yield Case(
+        "rollout_control_world",
+        "900,000 steps",
+        lambda s: post(f"{base(s)}/rollout", {"actions": [[[0.1, 0.1]] * 450] * 2000}),
+    )
+    yield Case("set_control_physics", "32 effects", lambda s: post(f"{base(s)}/set_physics", {"effects": [
+        {"joint": "elbow", "name": "viscous_friction", "parameters": {"b": [0.0, 0.1]}}
+    ] * 32}))
+    yield Case("render_control_world", "4096 px", lambda s: Request("GET", f"{base(s)}/render?width=4096"))
+    yield Case("delete_control_world", "unknown", lambda _: Request("DELETE", "/v1/control/worlds/none"))
 
 
 def acting_cases() -> Iterator[Case]:
@@ -940,7 +996,7 @@ def learning_cases() -> Iterator[Case]:
 
 
 def all_cases() -> list[Case]:
-    kinds = (reading_cases, scene_cases, acting_cases, policy_cases, learning_cases, deleting_cases)
+    kinds = (reading_cases, scene_cases, acting_cases, control_cases, policy_cases, learning_cases, deleting_cases)
     return [case for kind in kinds for case in kind()]
 
 

@@ -47,7 +47,7 @@ fn main() -> Result<()> {
             outcome,
             truth.as_deref().unwrap_or("nothing"),
             found.verdict.name(),
-            found.credible_sets,
+            found.rivals,
             found.none_probability,
             found.explained_interval,
             found.held_out_gain,
@@ -97,7 +97,7 @@ impl Counts {
     /// Counts the 90 % intervals of a right name that hold the truth.
     fn add_intervals(&mut self, world: &JointWorld, found: &JointDiagnosis) {
         let (Some(truth), [effect]) = (&world.truth, found.effects.as_slice()) else { return };
-        if effect.effect != truth.effect.name {
+        if effect.name != truth.effect.name {
             return;
         }
         for (p, value) in effect.parameters.iter().zip(&truth.values) {
@@ -107,7 +107,7 @@ impl Counts {
     }
 
     fn add(&mut self, truth: Option<&str>, found: &JointDiagnosis) -> &'static str {
-        let sets = &found.credible_sets;
+        let sets = &found.rivals;
         let Some(truth) = truth else {
             self.nothing += 1;
             let named = !sets.is_empty() && found.verdict.name() != "unknown";

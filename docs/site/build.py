@@ -63,6 +63,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "SECURITY.md": ("security.md", "Security"),
     "docs/explanation/diagnosis.md": ("explanation/diagnosis.md", "How the diagnosis decides"),
     "docs/explanation/verdicts.md": ("explanation/verdicts.md", "Interpretation of the verdicts"),
+    "docs/explanation/mechanisms.md": ("explanation/mechanisms.md", "Driven mechanisms"),
     "docs/explanation/posterior.md": ("explanation/posterior.md", "Posteriors"),
     "docs/explanation/planning.md": ("explanation/planning.md", "Planning"),
     "docs/explanation/designs.md": ("explanation/designs.md", "Designs"),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
-use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
+use iplw::inference::mechanism::{JointDiagnosis, MAX_EFFECTS, diagnose_joints};
 use iplw::progress::Progress;
 use iplw::reality::{JointTrial, commands_from_csv, joint_trials_from_csv};
 use iplw::task::Scene;
@@ -13,9 +13,6 @@ use serde::Serialize;
 
 use super::compact_json::compact_json;
 use super::output;
-
-/// Maximum number of effects in a set.
-const MAX_EFFECTS: usize = 3;
 
 /// Motion of the joints of a scene.
 #[derive(Serialize)]
@@ -87,10 +84,10 @@ fn summary(found: &JointDiagnosis, out: &Path) -> String {
     for effect in &found.effects {
         text += &format!(
             "  {} in {}: {} (probability {:.2})\n",
-            effect.effect, effect.joint, effect.equation, effect.probability
+            effect.name, effect.acts_on, effect.equation, effect.probability
         );
         for p in &effect.parameters {
-            let [low, high] = p.interval_95;
+            let [low, high] = p.ci95;
             text += &format!("    {} = {:.4} {} (95 %: {low:.4} to {high:.4})\n", p.name, p.value, p.unit);
         }
     }

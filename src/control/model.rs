@@ -111,6 +111,33 @@ impl ControlModel {
         ControlState { time: 0.0, steps: 0, position, velocity, commands: Vec::new(), draws, terms }
     }
 
+    /// The state that an agent knows: numbers measured after a number of steps, by joint of the scene, and its last actions, oldest
+    /// first.
+    pub fn known_state(
+        &self,
+        steps: u32,
+        [positions, velocities]: [&[f64]; 2],
+        actions: &[Vec<f64>],
+        draws: Vec<f64>,
+    ) -> Result<ControlState> {
+        let count = self.joints.len();
+        for (field, numbers) in [("position", positions), ("velocity", velocities)] {
+            if numbers.len() != count || numbers.iter().any(|x| !x.is_finite()) {
+                let allowed = format!("{count} finite numbers, one per joint");
+                return Err(Error::input(field, format!("{} numbers", numbers.len()), allowed));
+            }
+        }
+        let (mut position, mut velocity) = (vec![0.0; count], vec![0.0; count]);
+        for (i, j) in self.joints.iter().enumerate() {
+            (position[*j], velocity[*j]) = (positions[i], velocities[i]);
+        }
+        let past = actions.iter().rev().zip(1..=steps).map(|(own, k)| (self.time(steps - k), own.clone()));
+        let mut commands: Vec<(f64, Vec<f64>)> = past.collect();
+        commands.reverse();
+        let time = self.time(steps);
+        Ok(ControlState { time, steps, position, velocity, commands, draws, terms: Vec::new() })
+    }
+
     /// Motions of states under sequences of actions, one per state: observed at every step. Actions by step and motor, in range.
     /// All terms have the same effects in the same joints.
     pub fn advance(&self, states: &[&ControlState], actions: &[Vec<Vec<f64>>]) -> Vec<JointMotion> {

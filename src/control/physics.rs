@@ -10,7 +10,7 @@ use crate::world::mechanism::effect::resolve;
 use crate::world::mechanism::{JointTerm, Tree};
 
 /// Maximum number of effects of a world.
-const MAX_EFFECTS: usize = 32;
+const MAX_WORLD_EFFECTS: usize = 32;
 
 /// Effects of a world and its noise.
 #[derive(Clone, Default)]
@@ -26,8 +26,8 @@ impl ControlPhysics {
     /// Effects and noise of a document; `place` prefixes the field of an error.
     pub fn new(reality: &ControlReality, tree: &Tree, place: &str) -> Result<ControlPhysics> {
         let effects = &reality.effects;
-        if effects.len() > MAX_EFFECTS {
-            let allowed = format!("at most {MAX_EFFECTS}");
+        if effects.len() > MAX_WORLD_EFFECTS {
+            let allowed = format!("at most {MAX_WORLD_EFFECTS}");
             return Err(Error::input(
                 format!("{place}effects"),
                 format!("{} effects", effects.len()),

@@ -137,6 +137,12 @@ fn examples_of_bodies_are_accepted() {
         send(operation, "", &same);
     }
     send("delete_worlds", "", &|body| body["worlds"] = made.clone());
+    let control = send("create_control_world", "", &same)["id"].as_str().unwrap().to_string();
+    for operation in
+        ["reset_control_world", "step_control_world", "rollout_control_world", "set_control_physics"]
+    {
+        send(operation, &control, &same);
+    }
     let estimation = send("start_iplw", "", &same);
     let id = estimation["id"].as_str().unwrap().to_string();
     let proposals = || server.get(&format!("/v1/iplw/{id}/proposals"));

@@ -176,6 +176,16 @@ def _worlds(server: Server) -> None:
     ask("delete_worlds", "DELETE", "/v1/batch/worlds", {"worlds": ids})
     with urllib.request.urlopen(f"{server.base}/v1/worlds/{real}/events", timeout=60) as stream:
         server.answers["watch_world"] = stream.read1(65536)
+    ask("list_control_tasks", "GET", "/v1/control/tasks")
+    control = ask("create_control_world", "POST", "/v1/control/worlds", {"task": "pendulum_swing_up", "kind": "real"})["id"]
+    base = f"/v1/control/worlds/{control}"
+    ask("get_control_world", "GET", base)
+    ask("reset_control_world", "POST", f"{base}/reset", {"seed": 1})
+    ask("step_control_world", "POST", f"{base}/step", {"actions": [[0.3]]})
+    ask("render_control_world", "GET", f"{base}/render")
+    ask("rollout_control_world", "POST", f"{base}/rollout", {"actions": [[[0.3]]]}, ok=False)
+    ask("set_control_physics", "POST", f"{base}/set_physics", {}, ok=False)
+    ask("delete_control_world", "DELETE", base)
     ask("list_worlds", "GET", "/v1/worlds")
     ask("delete_world", "DELETE", f"/v1/worlds/{sim}")
 

@@ -21,6 +21,14 @@ use decision::decide;
 use recording::JointRecording;
 pub use report::{JointDiagnosis, JointEffectEstimate, JointParameterEstimate};
 
+/// Maximum number of effects in a set, by default.
+pub const MAX_EFFECTS: usize = 3;
+
+/// Estimated peak memory of a diagnosis of trials with this many rows in all, bytes: twice of what arms of two links need.
+pub fn memory(rows: usize, joints: usize) -> u64 {
+    (rows * joints) as u64 * 30_000
+}
+
 /// Diagnoses a scene with joints from measured trials.
 pub fn diagnose_joints(
     scene: &Scene,
@@ -71,7 +79,7 @@ mod tests {
             let (world, found) = diagnosed(mechanism, Some((effect, joint)), 7);
             let truth = world.truth.unwrap().values[0];
             assert_eq!(found.verdict, Verdict::Named, "{}", found.reason);
-            assert_eq!(found.effects[0].effect, effect, "{}", found.reason);
+            assert_eq!(found.effects[0].name, effect, "{}", found.reason);
             let estimate = &found.effects[0].parameters[0];
             assert!((estimate.value - truth).abs() < 4.0 * estimate.sd, "{estimate:?} for {truth}");
         }

@@ -14,6 +14,7 @@ use crate::inference::mixed_model::group_statistics::{
 use crate::inference::mixed_model::groups::{Group, SegmentBlock};
 use crate::inference::mixed_model::random_design::RandomEffect;
 use crate::inference::selection::{FixedEffectsPrior, Laplace, marginal_evidence, profile_log_posterior};
+use crate::inference::statistics::median;
 use crate::progress::Progress;
 
 /// Maximum number of Gauss-Newton steps, halvings of a step that decreases the posterior, and convergence tolerance, nats.
@@ -26,6 +27,8 @@ const MAX_STATE_STEPS: usize = 12;
 const MAX_STATE_UPDATES: usize = 3;
 const STATE_TOLERANCE: f64 = 1e-3;
 const STATE_STEP_SHRINKAGE: f64 = 0.3;
+/// Squares of a segment, relative to the median, from which its states are searched anew.
+const OUTLIER_RATIO: f64 = 3.0;
 /// Maximum number of failures of such a step one after the other.
 const MAX_STATE_FAILURES: usize = 3;
 
@@ -85,16 +88,21 @@ impl JointContext<'_, '_> {
         Ok(Some(self.fitted(best)))
     }
 
-    /// The initial states that fit each segment best, from some states and from the local polynomials; `None` if a segment cannot
-    /// be simulated.
+    /// The initial states that fit each segment best, from some states, and from the local polynomials for segments that then fit much
+    /// worse than others; `None` if a segment cannot be simulated.
     fn best_states(&self, terms: &Terms, states: Vec<Vec<f64>>) -> Result<Option<Vec<Vec<f64>>>> {
-        let (own, squares) = self.settled(terms, states, MAX_STATE_STEPS)?;
-        let (fresh, others) = self.settled(terms, self.recording.initial_states(), MAX_STATE_STEPS)?;
-        let pick =
-            |w: usize| if others[w] < squares[w] { (&fresh[w], others[w]) } else { (&own[w], squares[w]) };
-        let all = (0..own.len())
-            .map(|w| Some(pick(w)).filter(|(_, square)| square.is_finite()).map(|(s, _)| s.clone()));
-        Ok(all.collect())
+        let every = (0..states.len()).collect();
+        let (mut own, mut squares) = self.settled(terms, states, every)?;
+        let outlier = OUTLIER_RATIO * median(&squares);
+        let outliers: Vec<usize> =
+            (0..own.len()).filter(|w| !squares[*w].is_finite() || squares[*w] > outlier).collect();
+        let (fresh, others) = self.settled(terms, self.recording.initial_states(), outliers.clone())?;
+        for w in outliers {
+            if others[w] < squares[w] {
+                (own[w], squares[w]) = (fresh[w].clone(), others[w]);
+            }
+        }
+        Ok(squares.iter().all(|square| square.is_finite()).then_some(own))
     }
 
     /// The most probable point from another one, by Gauss-Newton steps of the parameters with damping, the initial states those that
@@ -139,19 +147,19 @@ impl JointContext<'_, '_> {
         from.linearizations.iter().enumerate().map(of).collect()
     }
 
-    /// Initial states that fit each segment best, by Gauss-Newton steps with damping, and the squares.
+    /// Initial states that fit some segments best, by Gauss-Newton steps with damping, and the squares.
     fn settled(
         &self,
         terms: &Terms,
         mut states: Vec<Vec<f64>>,
-        most: usize,
+        mut active: Vec<usize>,
     ) -> Result<(Vec<Vec<f64>>, Vec<f64>)> {
         let recording = self.recording;
         // By segment: the best square and states, and the step from there with its fraction.
         let mut best: Vec<(f64, Vec<f64>)> = states.iter().map(|s| (f64::INFINITY, s.clone())).collect();
         let mut steps: Vec<(Vec<f64>, f64)> = states.iter().map(|s| (vec![0.0; s.len()], 1.0)).collect();
-        let (mut active, mut failures) = ((0..states.len()).collect::<Vec<usize>>(), vec![0; states.len()]);
-        for _ in 0..most {
+        let mut failures = vec![0; states.len()];
+        for _ in 0..MAX_STATE_STEPS {
             self.progress.check_stop()?;
             let mut unsettled = Vec::with_capacity(active.len());
             for (w, own) in active.iter().copied().zip(recording.linearise_states(terms, &states, &active)) {

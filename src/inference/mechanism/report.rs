@@ -24,7 +24,9 @@ pub struct JointDiagnosis {
     /// The most probable set.
     pub effects: Vec<JointEffectEstimate>,
     /// Credible sets, most probable first: effect and joint of each.
-    pub credible_sets: Vec<Vec<String>>,
+    pub rivals: Vec<Vec<String>>,
+    /// Every fitted set, most probable first.
+    pub scores: Vec<JointSetScore>,
     /// Posterior probability that each effect acts in each joint, most probable first, those below 1 % left out.
     pub inclusion: Vec<(String, f64)>,
     /// Posterior probability that nothing in the library is missing.
@@ -44,11 +46,22 @@ pub struct JointDiagnosis {
     pub extended_scene: Scene,
 }
 
+/// A fitted set of effects.
+#[derive(Clone, Debug, Serialize)]
+pub struct JointSetScore {
+    /// Effect and joint of each; empty for the simulation as it is.
+    pub effects: Vec<String>,
+    /// Log posterior relative to the most probable set, nats.
+    pub score: f64,
+    pub probability: f64,
+}
+
 /// An effect in a joint.
 #[derive(Clone, Debug, Serialize)]
 pub struct JointEffectEstimate {
-    pub effect: String,
-    pub joint: String,
+    pub name: String,
+    /// The joint.
+    pub acts_on: String,
     pub equation: String,
     /// Posterior probability that it acts.
     pub probability: f64,
@@ -62,7 +75,8 @@ pub struct JointParameterEstimate {
     pub unit: String,
     pub value: f64,
     pub sd: f64,
-    pub interval_95: [f64; 2],
+    /// 95 % interval.
+    pub ci95: [f64; 2],
 }
 
 /// Builds the report.
@@ -81,20 +95,37 @@ pub fn build(
     let names = |fit: &JointFit| {
         fit.terms.iter().map(|t| name(recording, t.effect.name, t.joint)).collect::<Vec<String>>()
     };
-    let credible_sets: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
+    let rivals: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
+    let best = found.log_posterior.iter().copied().fold(found.base.log_evidence, f64::max);
+    let mut scores: Vec<JointSetScore> = found
+        .ranked(|_| true)
+        .into_iter()
+        .map(|i| JointSetScore {
+            effects: names(&found.fits[i]),
+            score: found.log_posterior[i] - best,
+            probability: decision.probabilities[i],
+        })
+        .collect();
+    let base = JointSetScore {
+        effects: Vec::new(),
+        score: found.base.log_evidence - best,
+        probability: decision.base_probability,
+    };
+    scores.insert(scores.partition_point(|s| s.score > base.score), base);
     let mut extended_scene = scene.clone();
     for effect in &effects {
-        let joint = extended_scene.joints.iter_mut().find(|joint| joint.name == effect.joint);
+        let joint = extended_scene.joints.iter_mut().find(|joint| joint.name == effect.acts_on);
         let parameters: Vec<(&str, f64)> =
             effect.parameters.iter().map(|p| (p.name.as_str(), p.value)).collect();
-        joint.into_iter().for_each(|joint| joint.effects.push(EffectTerm::new(&effect.effect, &parameters)));
+        joint.into_iter().for_each(|joint| joint.effects.push(EffectTerm::new(&effect.name, &parameters)));
     }
     JointDiagnosis {
         format: "iplw.joint_diagnosis/1".into(),
         verdict: decision.verdict,
-        reason: reason(decision, &credible_sets),
+        reason: reason(decision, &rivals),
         effects,
-        credible_sets,
+        rivals,
+        scores,
         inclusion: inclusion.into_iter().filter(|(_, p)| *p >= 0.01).collect(),
         none_probability: decision.base_probability,
         explained_share: decision.explained.map(|(share, _)| share),
@@ -163,12 +194,12 @@ fn estimates(
                     unit: unit(declared.unit, recording.tree.kinds[term.joint]),
                     value: *value,
                     sd,
-                    interval_95: [end(-1.0), end(1.0)],
+                    ci95: [end(-1.0), end(1.0)],
                 }
             });
         JointEffectEstimate {
-            effect: term.effect.name.into(),
-            joint: recording.tree.names[term.joint].clone(),
+            name: term.effect.name.into(),
+            acts_on: recording.tree.names[term.joint].clone(),
             equation: term.effect.equation.into(),
             probability: inclusion.iter().find(|(known, _)| *known == own).map_or(0.0, |(_, p)| *p),
             parameters: parameters.collect(),

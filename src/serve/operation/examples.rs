@@ -30,6 +30,16 @@ pub fn example(operation: &str) -> Option<Value> {
         "reset_worlds" => json!({"worlds": ["bowling-sim"], "seeds": [1]}),
         "step_worlds" => json!({"worlds": ["bowling-sim"], "actions": [action], "autoreset": "next_step"}),
         "delete_worlds" => json!({"worlds": ["world-1", "world-2"]}),
+        "create_control_world" => {
+            json!({"task": "pendulum_swing_up", "count": 2, "reward": "sparse", "seed": 1})
+        }
+        "reset_control_world" => json!({"seed": 1}),
+        "step_control_world" => json!({"actions": [[0.3], [-0.3]], "autoreset": "next_step"}),
+        "rollout_control_world" => json!({"environment": 1, "actions": [[[0.5], [0.5]], [[-0.5], [0.5]]]}),
+        "set_control_physics" => json!({
+            "effects": [{"joint": "hinge", "name": "viscous_friction", "parameters": {"b": [0.0, 0.02]}}],
+            "noise": {"hinge": 0.001},
+        }),
         "place" => json!({"task": "bowling:000", "actions": [action]}),
         "simulate" => json!({"scene": rig(), "action": [0.75, 0.5]}),
         "start_iplw" => {

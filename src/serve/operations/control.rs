@@ -20,7 +20,7 @@ use crate::sync::lock;
 use crate::task::control::control_tasks;
 
 /// Most simulation steps in one request.
-const MAX_SIMULATION_STEPS: u64 = 50_000_000;
+const MAX_SIMULATION_STEPS: u64 = 10_000_000;
 
 /// Operations on control worlds.
 pub fn operations() -> Vec<Operation> {
