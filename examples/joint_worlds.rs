@@ -8,26 +8,27 @@ use iplw::error::Result;
 use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
 use iplw::progress::NoProgress;
 use iplw::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
+use iplw::rng::derive_seed;
 use iplw::world::mechanism::Tree;
 use iplw::world::mechanism::effect::{JointEffect, REGISTRY};
 
 /// Worlds without a hidden effect: one in so many.
-const NOTHING_HIDDEN_EVERY: usize = 5;
+const NOTHING_HIDDEN_EVERY: u64 = 5;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let worlds: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(6);
+    let worlds: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(6);
     let first: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
     let only = arguments.next().and_then(|name| Mechanism::named(&name));
     let plan = RecordingPlan { trials: 20, duration: 5.0, rate: 100.0, noise: 1e-3 };
     let mut counts = Counts::default();
-    for k in 0..worlds {
-        let mechanism = only.unwrap_or(Mechanism::ALL[k % Mechanism::ALL.len()]);
+    for seed in first..first + worlds {
+        let mechanism = only.unwrap_or(Mechanism::ALL[seed as usize % Mechanism::ALL.len()]);
         let choices = choices(mechanism)?;
-        let own = k / if only.is_some() { 1 } else { Mechanism::ALL.len() };
-        let hidden = (own % NOTHING_HIDDEN_EVERY + 1 < NOTHING_HIDDEN_EVERY)
-            .then(|| choices[(own - own / NOTHING_HIDDEN_EVERY) % choices.len()]);
-        let world = mechanism.world(hidden, &plan, first + k as u64)?;
+        let draw = derive_seed(seed, "hidden effect", 0) as usize;
+        let hidden = (!(seed / Mechanism::ALL.len() as u64).is_multiple_of(NOTHING_HIDDEN_EVERY))
+            .then(|| choices[draw % choices.len()]);
+        let world = mechanism.world(hidden, &plan, seed)?;
         let start = Instant::now();
         let found = diagnose_joints(&world.scene, &world.trials, 3, 0, &NoProgress)?;
         let names = &Tree::of(&world.scene)?.names;
@@ -42,7 +43,7 @@ fn main() -> Result<()> {
             .collect();
         println!(
             "{:>4} {:9} {:14} hidden {} {values}: {} {:?} p(none) {:.2} share {:.2?} gain {:.2?} [{}] {:.1} s",
-            first + k as u64,
+            seed,
             mechanism.name(),
             outcome,
             truth.as_deref().unwrap_or("nothing"),

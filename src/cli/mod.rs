@@ -12,6 +12,7 @@ mod documentation;
 mod effects;
 mod estimate;
 mod experiment;
+mod joint_arrays;
 mod joints;
 mod json_events;
 mod mcp;

@@ -11,6 +11,7 @@ use iplw::trajectory::{Contact, Termination, Trajectory};
 use iplw::world::{Engine, Rollout, Simulator, select_engine};
 use serde::Serialize;
 
+use super::joint_arrays;
 use super::joints;
 use super::output;
 use super::rollout_arrays::{self, ArrayRollouts};
@@ -27,7 +28,9 @@ use super::rollout_arrays::{self, ArrayRollouts};
 /// `density`, `friction`, `restitution` and EFFECT.PARAMETER (rollouts), in SI units; what is missing is the scene's.
 /// --out is an archive with `t`, `position`, `angle`, `velocity`, `angular_velocity` (rollouts, samples, bodies), NaN after
 /// the end of a rollout (its last sample is after `steps` steps), and `solved` (1, 0; -1 without a goal), `end` (0 all steps, 1 goal, 2 diverged, 3 blocked),
-/// `steps`, `collisions`, `rolling_steps`.
+/// `steps`, `collisions`, `rolling_steps`. For a scene with joints --in has `position` and `velocity` (rollouts, joints) and
+/// `command` (rollouts, commands, motors), each command for an equal part of the duration, and --out `t`, `position` and
+/// `velocity` (rollouts, samples, joints); joints and motors are in the order of `joints` in --out.
 #[derive(clap::Args)]
 pub struct Args {
     /// Physics engine: auto, rapier, lanes or gpu.
@@ -122,6 +125,9 @@ fn run_arrays(args: &Args, engine: Engine, scene: &Path) -> Result<()> {
     }
     let (name, text) = read(&scene.display().to_string())?;
     let scene = &Scene::from_json(&text).map_err(|e| e.in_file(&name))?;
+    if !scene.joints.is_empty() {
+        return joint_arrays::run(scene, !args.no_samples, Path::new(&args.input), Path::new(&args.out));
+    }
     let config = ArrayRollouts { scene, engine, samples: !args.no_samples };
     rollout_arrays::run(&config, Path::new(&args.input), Path::new(&args.out))
 }

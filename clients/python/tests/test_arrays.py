@@ -122,3 +122,53 @@ def test_arrays_are_shared_with_other_libraries_without_a_copy(tmp_path: Path) -
     tensor = torch.from_dlpack(received)
     tensor[0, 0, 0, 0] = 7.0
     assert received[0, 0, 0, 0] == 7.0 and tensor.shape == from_file.shape
+
+
+ARM: dict[str, Any] = {
+    "format": "iplw.scene/2",
+    "gravity": [0.0, -9.81],
+    "time_step": 0.002,
+    "steps": 200,
+    "observe_every": 50,
+    "bodies": [
+        {"name": name, "shape": {"type": "box", "half_width": 0.02, "half_height": 0.2}, "mass": 0.5, "position": [0.0, y]}
+        for name, y in (("upper", -0.2), ("lower", -0.6))
+    ],
+    "joints": [
+        {"name": "shoulder", "kind": "revolute", "body": "upper", "anchor": [0.0, 0.0]},
+        {"name": "elbow", "kind": "revolute", "body": "lower", "parent": "upper", "anchor": [0.0, -0.4]},
+    ],
+    "motors": [{"joint": "shoulder", "control": "torque", "max_torque": 2.0}],
+}
+
+
+def test_arrays_of_joints_have_the_bits_of_single_scenes(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    position, command = random.uniform(-1, 1, (5, 2)), random.uniform(-1, 1, (5, 4, 1))
+    (tmp_path / "scene.json").write_text(json.dumps(ARM))
+    np.savez(tmp_path / "in.npz", position=position, command=command)
+    files = ["--scene", str(tmp_path / "scene.json"), "--in", str(tmp_path / "in.npz"), "--out", str(tmp_path / "out.npz")]
+    subprocess.run([str(BINARY), "rollout", *files], check=True, capture_output=True)
+    with np.load(tmp_path / "out.npz") as out:
+        assert out["joints"].tolist() == ["shoulder", "elbow"] and out["position"].shape == (5, 5, 2)
+        for i in range(5):
+            scene = json.loads(json.dumps(ARM))
+            for joint, start in zip(scene["joints"], position[i].tolist()):
+                joint["position"] = start
+            rows = "".join(f"{0.1 * k},{command[i, k, 0]!r}\n" for k in range(4)).replace("np.float64(", "").replace(")", "")
+            (tmp_path / "commands.csv").write_text("t,shoulder.command\n" + rows)
+            (tmp_path / "line.jsonl").write_text(json.dumps(scene) + "\n")
+            single = [str(BINARY), "rollout", "--in", str(tmp_path / "line.jsonl"), "--commands", str(tmp_path / "commands.csv")]
+            joints = json.loads(subprocess.run(single, check=True, capture_output=True, text=True).stdout)["joints"]
+            for j, name in enumerate(("shoulder", "elbow")):
+                assert np.allclose(out["position"][i, :, j], joints[name]["position"], atol=1e-12)
+                assert np.allclose(out["velocity"][i, :, j], joints[name]["velocity"], atol=1e-11)
+
+
+def test_wrong_shapes_of_joints_are_named(tmp_path: Path) -> None:
+    (tmp_path / "scene.json").write_text(json.dumps(ARM))
+    np.savez(tmp_path / "in.npz", position=np.zeros((5, 3)))
+    files = ["--scene", str(tmp_path / "scene.json"), "--in", str(tmp_path / "in.npz"), "--out", str(tmp_path / "out.npz")]
+    done = subprocess.run([str(BINARY), "rollout", *files], capture_output=True, text=True)
+    assert done.returncode != 0 and "position" in done.stderr and "2 joints" in done.stderr
+    assert not (tmp_path / "out.npz").exists()

@@ -109,7 +109,7 @@ def test_rollouts_are_what_steps_do() -> None:
 
 
 def test_recordings_have_positions_and_commands() -> None:
-    with gymnasium.make("iplw/Reacher-v0", world="real").unwrapped as env:
+    with iplw.ControlEnv("reacher", "real") as env:
         env.reset(seed=2)
         env.step(np.array([2.0, 0.1]))
         env.step(np.array([-0.5, 0.2]))

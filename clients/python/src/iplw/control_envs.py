@@ -32,7 +32,7 @@ from .vector import AUTORESET_NAMES
 Effects = Sequence[Mapping[str, Any]]
 
 
-class ControlEnv(Reconnecting, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     """One environment of a control task.
 
     - `task`: the name of a built-in task, or an `iplw.control/1` document.
@@ -130,7 +130,7 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[np.float32], NDArray[np.flo
             self.client.close()
 
 
-class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """`num_envs` environments of a control task, stepped by one request; settings as for `ControlEnv`.
 
     `reset(seed=...)` takes one seed, from which every environment gets its own sequence of episodes, and
