@@ -295,7 +295,11 @@ fn random_term(
     stream: &mut Stream,
 ) -> JointTerm {
     let link = &tree.links[joint];
-    let value = |p: &crate::world::mechanism::effect::JointParameter| {
+    let value = |(k, p): (usize, &crate::world::mechanism::effect::JointParameter)| {
+        if k > 0 && p.neutral != 0.0 {
+            // The law's shape, not its size.
+            return p.neutral * stream.random_range(SIZES[0]..SIZES[1]);
+        }
         let scale = match p.scale {
             JointScale::Absolute => 1.0,
             JointScale::Torque => torque,
@@ -311,7 +315,7 @@ fn random_term(
         // A factor far below one half is no plausible error.
         value.clamp(p.bounds[0].max(if p.neutral == 1.0 { 0.3 } else { f64::NEG_INFINITY }), p.bounds[1])
     };
-    JointTerm { effect, joint, values: effect.parameters.iter().map(value).collect() }
+    JointTerm { effect, joint, values: effect.parameters.iter().enumerate().map(value).collect() }
 }
 
 /// The term with the size of one trial.

@@ -82,7 +82,7 @@ fn diagnoses_a_recording_of_joints() {
     let wanted = diagnose_joints(&world.scene, &world.trials, 3, 0, &NoProgress).unwrap();
     assert_eq!(report, serde_json::to_value(&wanted).unwrap());
     assert_eq!(report["verdict"], "named", "{}", report["reason"]);
-    assert_eq!(report["effects"][0]["effect"], "viscous_friction");
+    assert_eq!(report["effects"][0]["name"], "viscous_friction");
     let extended = std::fs::read_to_string(folder.path().join("report/extended_scene.json")).unwrap();
     assert!(extended.contains("viscous_friction"));
     let last = world.trials[5].times.last().unwrap();

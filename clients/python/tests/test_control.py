@@ -146,3 +146,22 @@ def test_tasks_of_users_are_documents(tmp_path: Path) -> None:
             assert np.asarray(world.step([[0.5]])["observation"]).shape == (1, 1)
         with pytest.raises(iplw.Problem, match="definition.reward.dense"):
             client.create_control_world(definition={**task, "reward": {"dense": "speed", "sparse": "0"}})
+
+
+def test_recordings_lead_to_the_missing_effect() -> None:
+    friction = {"joint": "hinge", "name": "viscous_friction", "parameters": {"b": 0.03}}
+    random = np.random.default_rng(3)
+    with iplw.ControlEnv("pendulum_swing_up", effects=[friction], noise={"hinge": 0.001}) as env:
+        for episode in range(5):
+            env.reset(seed=episode)
+            for _ in range(8):
+                command = random.uniform(-0.5, 0.5, 1)
+                for _ in range(15):
+                    env.step(command)
+        scene = env.world.data["task"]["scene"]
+        found = env.client.diagnose(scene, env.trials()).wait()
+    assert found.verdict == "named" and [e["name"] for e in found["effects"]] == ["viscous_friction"], found["reason"]
+    (parameter,) = found["effects"][0]["parameters"]
+    assert parameter["ci95"][0] < 0.03 < parameter["ci95"][1]
+    assert found.extended_scene is not None and "viscous_friction" in str(found.extended_scene)
+    assert found.sets()[0][0] == "viscous_friction (hinge)" and "viscous_friction" in found._repr_html_()

@@ -13,7 +13,7 @@ import pytest
 
 import iplw
 from iplw.envs import PlacementEnv
-from iplw.families import FAMILIES
+from iplw.families import CONTROL_TASKS, FAMILIES
 from iplw.vector import PlacementVectorEnv
 
 CLIENT = Path(__file__).resolve().parents[1]
@@ -60,7 +60,7 @@ def test_gymnasium_lists_the_environments() -> None:
     printed = gymnasium.pprint_registry(disable_print=True)
     assert printed is not None
     section = printed.partition("===== iplw =====\n")[2].partition("=====")[0]
-    assert section.split() == sorted(FAMILIES) and len(FAMILIES) == 37
+    assert section.split() == sorted([*FAMILIES, *CONTROL_TASKS]) and len(FAMILIES) == 37 and len(CONTROL_TASKS) == 6
     assert max(map(len, section.splitlines())) <= 79, "fits in a terminal"
     for name in FAMILIES:
         spec = gymnasium.spec(name)

@@ -49,7 +49,7 @@ pub struct JointDiagnosis {
 /// A fitted set of effects.
 #[derive(Clone, Debug, Serialize)]
 pub struct JointSetScore {
-    /// Effect and joint of each; empty for the simulation as it is.
+    /// Effect and joint of each; empty for the given simulation.
     pub effects: Vec<String>,
     /// Log posterior relative to the most probable set, nats.
     pub score: f64,

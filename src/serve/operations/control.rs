@@ -58,7 +58,7 @@ pub fn operations() -> Vec<Operation> {
             .errors(&[(404, ""), (409, "The world is real, or must be reset first"), (413, "")])
             .compute_handler(rollout),
         get("render_control_world", "/v1/control/worlds/{id}/render", "control", READ)
-            .about("Draws an environment as it is, as PNG.")
+            .about("Draws the current state of an environment, as PNG.")
             .media_response(200, "The image", &["image/png"])
             .errors(&[(404, ""), (409, "The environment must be reset first"), (422, "")])
             .compute_handler(render),

@@ -113,7 +113,7 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
         self.world.set_physics(effects, noise)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
-        """The environment as it is, (256, 256, 3)."""
+        """The current state, (256, 256, 3)."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")')
             return None

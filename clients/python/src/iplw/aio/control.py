@@ -80,7 +80,7 @@ class AsyncControlWorld(AsyncResource):
         return self
 
     async def render(self, *, environment: int = 0, width: int = 512) -> bytes:
-        """Draws an environment as it is, as PNG."""
+        """Draws the current state of an environment, as PNG."""
         return await self._connection.do(requests.render_control(self.id, environment, width))
 
     async def close(self) -> None:

@@ -81,7 +81,7 @@ class ControlWorld(Resource):
         return self
 
     def render(self, *, environment: int = 0, width: int = 512) -> bytes:
-        """Draws an environment as it is, as PNG."""
+        """Draws the current state of an environment, as PNG."""
         return self._connection.do(requests.render_control(self.id, environment, width))
 
     def close(self) -> None:
