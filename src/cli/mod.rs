@@ -12,6 +12,7 @@ mod documentation;
 mod effects;
 mod estimate;
 mod experiment;
+mod import;
 mod joint_arrays;
 mod joints;
 mod json_events;
@@ -63,6 +64,7 @@ enum Command {
     Backup(data_directory::BackupArgs),
     Restore(data_directory::RestoreArgs),
     Rollout(ComputeArgs<rollout::Args>),
+    Import(import::Args),
     Tasks(tasks::Args),
     Effects(effects::Args),
     Measure(ComputeArgs<measure::Args>),
@@ -116,6 +118,7 @@ pub fn main() -> ExitCode {
         Command::Completions(args) => documentation::print_completions(&args, command()),
         Command::Man(args) => documentation::write_man_pages(&args, command()),
         Command::Rollout(args) => args.run_reading(rollout::reads_stdin, rollout::run),
+        Command::Import(args) => import::run(&args),
         Command::Tasks(args) => tasks::run(&args),
         Command::Effects(args) => effects::run(&args),
         Command::Measure(args) => args.run(measure::run),

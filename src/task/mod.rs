@@ -21,6 +21,7 @@ pub mod joint;
 pub(crate) mod limits;
 pub mod phyre;
 mod placement;
+mod robot_file;
 pub mod scene;
 mod setting;
 pub mod shape;
@@ -44,6 +45,7 @@ pub use families::{
 };
 pub use intervention::Intervention;
 pub use placement::Placement;
+pub use robot_file::{ImportedMechanism, mechanism_from_xml};
 pub use scene::Scene;
 
 /// A single-action task: a scene with an action space and a goal.

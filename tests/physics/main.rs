@@ -16,6 +16,7 @@ mod lanes;
 mod mechanism;
 mod polygons;
 mod properties;
+mod robot_file;
 mod settled;
 mod shapes;
 mod tasks;
