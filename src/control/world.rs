@@ -295,7 +295,7 @@ mod tests {
             .model
             .ranges
             .iter()
-            .map(|[low, high]| if k % 3 == 0 { *low } else { 0.7 * high })
+            .map(|[low, high]| if k.is_multiple_of(3) { *low } else { 0.7 * high })
             .collect()
     }
 

@@ -298,7 +298,8 @@ fn random_term(
     let value = |(k, p): (usize, &crate::world::mechanism::effect::JointParameter)| {
         if k > 0 && p.neutral != 0.0 {
             // The law's shape, not its size.
-            return p.neutral * stream.random_range(SIZES[0]..SIZES[1]);
+            let value = p.neutral * stream.random_range(SIZES[0]..SIZES[1]);
+            return if p.is_whole { value.round() } else { value };
         }
         let scale = match p.scale {
             JointScale::Absolute => 1.0,

@@ -9,7 +9,7 @@ use roxmltree::Node;
 
 use super::attributes::{children, direction, number, numbers, vector};
 use super::spatial::{
-    Outline, SolidMoments, SpatialInertia, SpatialJoint, SpatialLink, SpatialModel, SpatialMotor,
+    LinkOutline, SolidMoments, SpatialInertia, SpatialJoint, SpatialLink, SpatialModel, SpatialMotor,
 };
 use super::urdf::longest;
 use crate::error::{Error, Result};
@@ -287,7 +287,7 @@ impl<'a> MjcfReader<'a> {
         node: Node<'a, '_>,
         frame: &Isometry3<f64>,
         class: &str,
-    ) -> Result<(SpatialInertia, Option<Outline>)> {
+    ) -> Result<(SpatialInertia, Option<LinkOutline>)> {
         let (mut sum, mut outline) = (SpatialInertia::none(), None);
         for geom in children(node, "geom") {
             let own = self.element(geom, class);
@@ -316,7 +316,7 @@ impl<'a> MjcfReader<'a> {
     }
 
     /// Inertia and outline of a geom; `None` for shapes that are not known.
-    fn geom(&self, own: &Element, frame: &Isometry3<f64>) -> Result<Option<(SpatialInertia, Outline)>> {
+    fn geom(&self, own: &Element, frame: &Isometry3<f64>) -> Result<Option<(SpatialInertia, LinkOutline)>> {
         let size = own.numbers("size")?;
         let at = |k: usize| size.get(k).copied().unwrap_or(0.0);
         let mut pose = self.pose(own)?;
@@ -348,7 +348,7 @@ impl<'a> MjcfReader<'a> {
         let tensor = turn * Matrix3::from_diagonal(&(moments.by_mass * mass)) * turn.transpose();
         let ends = [-along, along].map(|end| at.translation.vector + at.rotation * end);
         let inertia = SpatialInertia { mass, centre: at.translation.vector, tensor };
-        Ok(Some((inertia, Outline { ends, radius: radius.max(1e-3) })))
+        Ok(Some((inertia, LinkOutline { ends, radius: radius.max(1e-3) })))
     }
 
     fn motor(&mut self, node: Node<'a, '_>) -> Result<()> {

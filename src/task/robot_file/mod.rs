@@ -11,19 +11,11 @@ mod urdf;
 
 use roxmltree::{Document, ParsingOptions};
 
-use super::scene::Scene;
 use crate::error::{Error, Result};
+pub use planar::ImportedMechanism;
 
 /// Maximum size of a file, bytes.
 const MAX_FILE_BYTES: usize = 16 << 20;
-
-/// A scene from a robot file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImportedMechanism {
-    pub scene: Scene,
-    /// Parts of the file that the scene does not have, one sentence each.
-    pub left_out: Vec<String>,
-}
 
 /// Reads MJCF (`<mujoco>`) or URDF (`<robot>`).
 ///

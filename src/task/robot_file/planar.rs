@@ -4,7 +4,6 @@
 
 use nalgebra::Vector3;
 
-use super::ImportedMechanism;
 use super::spatial::{SpatialInertia, SpatialJoint, SpatialLink, SpatialModel};
 use crate::error::{Error, Result};
 use crate::task::body::{Body, Inertia};
@@ -16,6 +15,14 @@ use crate::task::shape::{Disc, Rectangle, Shape};
 const MAX_TILT: f64 = 1e-4;
 /// Radius of a link without an outline, m.
 const DEFAULT_RADIUS: f64 = 0.02;
+
+/// A scene from a robot file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedMechanism {
+    pub scene: Scene,
+    /// Parts of the file that the scene does not have, one sentence each.
+    pub left_out: Vec<String>,
+}
 
 /// Axes of the plane: to the right, upwards and towards the viewer.
 struct Plane {

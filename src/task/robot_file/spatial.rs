@@ -28,7 +28,7 @@ pub struct SpatialLink {
     pub joint: Option<SpatialJoint>,
     pub inertia: SpatialInertia,
     /// A line with a thickness, for pictures.
-    pub outline: Option<Outline>,
+    pub outline: Option<LinkOutline>,
 }
 
 /// Mass (kg), centre of mass (m) and inertia about it (kg m^2).
@@ -41,7 +41,7 @@ pub struct SpatialInertia {
 
 /// Ends (m) and radius (m) of a link's outline.
 #[derive(Clone, Copy)]
-pub struct Outline {
+pub struct LinkOutline {
     pub ends: [Vector3<f64>; 2],
     pub radius: f64,
 }

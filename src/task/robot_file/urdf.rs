@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
 use super::attributes::{children, direction, number, vector};
-use super::spatial::{Outline, SpatialInertia, SpatialJoint, SpatialLink, SpatialModel, SpatialMotor};
+use super::spatial::{LinkOutline, SpatialInertia, SpatialJoint, SpatialLink, SpatialModel, SpatialMotor};
 use crate::error::{Error, Result};
 use crate::task::joint::Control;
 
@@ -36,8 +36,7 @@ pub fn read(root: Node) -> Result<SpatialModel> {
         return Err(Error::input("robot", value, "one base link"));
     }
     model.left_out.push(format!("The base {} is fixed to the world.", bases[0]));
-    let mut waiting: Vec<(&str, Option<(usize, Node)>, Isometry3<f64>)> =
-        vec![(bases[0], None, Isometry3::identity())];
+    let mut waiting = vec![(bases[0], None::<(usize, Node)>, Isometry3::identity())];
     while let Some((name, by, frame)) = waiting.pop() {
         let node = links.get(name).ok_or_else(|| Error::input("link", name, "a link of the robot"))?;
         if model.links.iter().any(|link| link.name == name) {
@@ -145,7 +144,7 @@ fn inertia(link: Node, frame: &Isometry3<f64>) -> Result<SpatialInertia> {
 }
 
 /// A cylinder, box or sphere of the link.
-fn outline(link: Node, frame: &Isometry3<f64>) -> Result<Option<Outline>> {
+fn outline(link: Node, frame: &Isometry3<f64>) -> Result<Option<LinkOutline>> {
     for part in children(link, "collision").chain(children(link, "visual")) {
         let at = frame * origin(part)?;
         let Some(shape) = children(part, "geometry").next().and_then(|own| own.first_element_child()) else {
@@ -159,7 +158,7 @@ fn outline(link: Node, frame: &Isometry3<f64>) -> Result<Option<Outline>> {
             _ => continue,
         };
         let ends = [-along, along].map(|end| at.translation.vector + at.rotation * end);
-        return Ok((radius > 0.0).then_some(Outline { ends, radius }));
+        return Ok((radius > 0.0).then_some(LinkOutline { ends, radius }));
     }
     Ok(None)
 }
