@@ -1,10 +1,14 @@
 //! Hides one effect in the joints of generated mechanisms and diagnoses their recordings: a table of what was hidden and named.
 //!
-//!     cargo run --release --example joint_worlds -- [worlds] [first seed] [mechanism]
+//!     cargo run --release --example joint_worlds -- [worlds] [first seed] [mechanism] [directory]
+//!
+//! With a directory it writes each world there, and diagnoses nothing: `SEED.json` with the scene and the hidden effect, `SEED.csv`.
 
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use iplw::error::Result;
+use iplw::error::{Error, Result};
 use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
 use iplw::progress::NoProgress;
 use iplw::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
@@ -20,6 +24,7 @@ fn main() -> Result<()> {
     let worlds: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(6);
     let first: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
     let only = arguments.next().and_then(|name| Mechanism::named(&name));
+    let directory = arguments.next().map(PathBuf::from);
     let plan = RecordingPlan { trials: 20, duration: 5.0, rate: 100.0, noise: 1e-3 };
     let mut counts = Counts::default();
     for seed in first..first + worlds {
@@ -29,6 +34,10 @@ fn main() -> Result<()> {
         let hidden = (!(seed / Mechanism::ALL.len() as u64).is_multiple_of(NOTHING_HIDDEN_EVERY))
             .then(|| choices[draw % choices.len()]);
         let world = mechanism.world(hidden, &plan, seed)?;
+        if let Some(directory) = &directory {
+            write(&world, directory, seed)?;
+            continue;
+        }
         let start = Instant::now();
         let found = diagnose_joints(&world.scene, &world.trials, 3, 0, &NoProgress)?;
         let names = &Tree::of(&world.scene)?.names;
@@ -57,6 +66,33 @@ fn main() -> Result<()> {
         );
     }
     println!("{counts:?}");
+    Ok(())
+}
+
+/// Writes a world.
+fn write(world: &JointWorld, directory: &Path, seed: u64) -> Result<()> {
+    let names = &Tree::of(&world.scene)?.names;
+    let truth = world.truth.as_ref().map(|t| {
+        let values: BTreeMap<&str, f64> =
+            t.effect.parameters.iter().map(|p| p.name).zip(t.values.iter().copied()).collect();
+        serde_json::json!({"name": t.effect.name, "acts_on": names[t.joint], "parameters": values})
+    });
+    let driven: Vec<usize> = (0..names.len()).filter(|j| world.trials[0].commands.drives(*j)).collect();
+    let mut csv = format!("trial,t,{}", names.join(","));
+    driven.iter().for_each(|j| csv += &format!(",{}.command", names[*j]));
+    csv.push('\n');
+    for trial in &world.trials {
+        for (t, q) in trial.times.iter().zip(&trial.positions) {
+            let commands = driven.iter().map(|j| trial.commands.mean(*j, [*t, *t]));
+            let numbers: Vec<String> = q.iter().copied().chain(commands).map(|v| v.to_string()).collect();
+            csv += &format!("{},{t},{}\n", trial.id, numbers.join(","));
+        }
+    }
+    let document = serde_json::json!({"scene": world.scene, "truth": truth});
+    for (ending, text) in [("json", document.to_string()), ("csv", csv)] {
+        let path = directory.join(format!("{seed}.{ending}"));
+        std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
+    }
     Ok(())
 }
 
