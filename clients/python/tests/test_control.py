@@ -160,6 +160,7 @@ def test_recordings_lead_to_the_missing_effect() -> None:
                     env.step(command)
         scene = env.world.data["task"]["scene"]
         found = env.client.diagnose(scene, env.trials()).wait()
+    assert isinstance(found, iplw.Diagnosis)
     assert found.verdict == "named" and [e["name"] for e in found["effects"]] == ["viscous_friction"], found["reason"]
     (parameter,) = found["effects"][0]["parameters"]
     assert parameter["ci95"][0] < 0.03 < parameter["ci95"][1]
