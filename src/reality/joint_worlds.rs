@@ -59,6 +59,9 @@ const FIELD_OF_TORQUE: f64 = 0.005;
 const ECCENTRICITY: f64 = 0.001;
 const SIZE_SD: f64 = 0.03;
 const FIELD_FUNCTIONS: usize = 12;
+/// Fastest motion of a joint, rad/s or m/s, and number of worlds that are drawn until one is slow enough.
+const MAX_SPEED: f64 = 40.0;
+const MAX_ATTEMPTS: usize = 100;
 /// Range of an effect's size in plausible ones.
 const SIZES: [f64; 2] = [0.5, 1.5];
 
@@ -119,7 +122,7 @@ impl Mechanism {
                     hinge("shoulder", "upper", None, [0.0; 2]),
                     hinge("elbow", "lower", Some("upper"), [0.0, -0.4]),
                 ],
-                vec![motor("shoulder", 3.0), motor("elbow", 1.0)],
+                vec![motor("shoulder", 2.0), motor("elbow", 0.4)],
             ),
         };
         Scene {
@@ -134,16 +137,31 @@ impl Mechanism {
         }
     }
 
-    /// A recording with a hidden effect of a random size in a joint, or with none.
+    /// A recording with a hidden effect of a random size in a joint, or with none; no joint turns faster than [`MAX_SPEED`].
     pub fn world(
         self,
         hidden: Option<(&'static JointEffect, usize)>,
         plan: &RecordingPlan,
         seed: u64,
     ) -> Result<JointWorld> {
+        let mut stream = rng::stream(seed, "joint world");
+        for _ in 0..MAX_ATTEMPTS {
+            if let Some(found) = self.attempt(hidden, plan, &mut stream)? {
+                return Ok(found);
+            }
+        }
+        Err(Error::Failed(format!("{} moves too fast in all of {MAX_ATTEMPTS} worlds", self.name())))
+    }
+
+    /// A world, unless a joint is too fast.
+    fn attempt(
+        self,
+        hidden: Option<(&'static JointEffect, usize)>,
+        plan: &RecordingPlan,
+        stream: &mut Stream,
+    ) -> Result<Option<JointWorld>> {
         let scene = self.scene();
         let tree = Tree::of(&scene)?;
-        let mut stream = rng::stream(seed, "joint world");
         let times: Vec<f64> =
             (0..=(plan.duration * plan.rate) as usize).map(|i| i as f64 / plan.rate).collect();
         let starts: Vec<Vec<f64>> = (0..plan.trials)
@@ -151,7 +169,7 @@ impl Mechanism {
                 (0..tree.links.len()).map(|j| amplitude(&tree, j) * stream.random_range(-1.0..1.0)).collect()
             })
             .collect();
-        let commands: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, &mut stream)).collect();
+        let commands: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, stream)).collect();
         let run = |terms: &[Vec<JointTerm>], field: Option<(&TorqueField, &[(usize, f64)])>| {
             let rollouts: Vec<JointRollout> = (0..plan.trials)
                 .map(|k| JointRollout {
@@ -170,19 +188,25 @@ impl Mechanism {
         let plain = run(&vec![Vec::new(); plan.trials], None);
         let [velocity, torque, _] = sizes(&tree, &plain, &times, &commands)?;
         let truth = hidden.map(|(effect, joint)| {
-            random_term(&tree, effect, joint, [velocity[joint], torque[joint]], &mut stream)
+            random_term(&tree, effect, joint, [velocity[joint], torque[joint]], stream)
         });
         let terms: Vec<Vec<JointTerm>> =
-            (0..plan.trials).map(|_| truth.iter().map(|t| varied(t, &mut stream)).collect()).collect();
+            (0..plan.trials).map(|_| truth.iter().map(|t| varied(t, stream)).collect()).collect();
         let clean = run(&terms, None);
         let [velocity, torque, missing] = sizes(&tree, &clean, &times, &commands)?;
-        let (field, coefficients) = dirt(&tree, &velocity, &torque, &missing, &mut stream);
+        let (field, coefficients) = dirt(&tree, &velocity, &torque, &missing, stream);
         let motions = run(&terms, Some((&field, &coefficients)));
+        if motions
+            .iter()
+            .any(|m| m.velocities.iter().flatten().any(|v| !v.is_finite() || v.abs() > MAX_SPEED))
+        {
+            return Ok(None);
+        }
         let eccentric: Vec<f64> = (0..tree.links.len()).map(|_| stream.random_range(-3.0..3.0)).collect();
         let trials = motions.into_iter().zip(commands).enumerate().map(|(k, (motion, commands))| {
             let mut measured = |i: usize| {
                 let mut own = |j: usize| {
-                    let (q, noise): (f64, f64) = (motion.positions[j][i], StandardNormal.sample(&mut stream));
+                    let (q, noise): (f64, f64) = (motion.positions[j][i], StandardNormal.sample(stream));
                     q + ECCENTRICITY * amplitude(&tree, j) * libm::sin(q + eccentric[j]) + plan.noise * noise
                 };
                 (0..eccentric.len()).map(&mut own).collect()
@@ -195,10 +219,7 @@ impl Mechanism {
             }
         });
         let trials: Vec<JointTrial> = trials.collect();
-        if trials.iter().any(|t| t.positions.iter().flatten().any(|q| !q.is_finite())) {
-            return Err(Error::Failed("the generated world diverges".into()));
-        }
-        Ok(JointWorld { scene, truth, trials })
+        Ok(Some(JointWorld { scene, truth, trials }))
     }
 }
 
