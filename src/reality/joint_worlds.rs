@@ -60,7 +60,7 @@ const ECCENTRICITY: f64 = 0.001;
 const SIZE_SD: f64 = 0.03;
 const FIELD_FUNCTIONS: usize = 12;
 /// Fastest motion of a joint, rad/s or m/s, and number of worlds that are drawn until one is slow enough.
-const MAX_SPEED: f64 = 40.0;
+const MAX_SPEED: f64 = 60.0;
 const MAX_ATTEMPTS: usize = 100;
 /// Range of an effect's size in plausible ones.
 const SIZES: [f64; 2] = [0.5, 1.5];
@@ -122,7 +122,7 @@ impl Mechanism {
                     hinge("shoulder", "upper", None, [0.0; 2]),
                     hinge("elbow", "lower", Some("upper"), [0.0, -0.4]),
                 ],
-                vec![motor("shoulder", 2.0), motor("elbow", 0.4)],
+                vec![motor("shoulder", 1.0), motor("elbow", 0.2)],
             ),
         };
         Scene {
