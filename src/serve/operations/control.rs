@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use crate::control::{ControlModel, ControlPhysics, ControlWorld, ControlWorldConfig};
 use crate::error::{Error, Result};
+use crate::json::JsonObject;
 use crate::picture::{Style, scene_svg_within, svg_to_png_within};
 use crate::serve::operation::{
     ACT, Extractor, JsonBody, MediaBody, Operation, OperationDoc, OperationRequest, PathId, READ, delete,
@@ -84,7 +85,7 @@ fn create(
     let kind = body.kind.unwrap_or(WorldKind::Sim);
     let physics = match (kind, body.physics) {
         (WorldKind::Real, None) => ControlPhysics::new(&model.task.real, &model.tree, "real.")?,
-        (WorldKind::Sim, physics) => physics_of(&model, physics)?,
+        (WorldKind::Sim, physics) => physics_of(&model, physics.map(|JsonObject(physics)| physics))?,
         (WorldKind::Real, Some(_)) => {
             let allowed = "absent: a real world has the physics of its task";
             return Err(Error::input("physics", "given for a real world", allowed));

@@ -31,7 +31,8 @@ pub struct CreateControlWorld {
     /// Default: `dense`.
     pub reward: Option<RewardKind>,
     /// Physics beside the scene's, of a simulated world. Default: none.
-    pub physics: Option<PhysicsIn>,
+    #[schema(value_type = Option<PhysicsIn>)]
+    pub physics: Option<JsonObject<PhysicsIn>>,
     pub seed: Option<u64>,
 }
 
