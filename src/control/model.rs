@@ -139,7 +139,6 @@ impl ControlModel {
     }
 
     /// Motions of states under sequences of actions, one per state: observed at every step. Actions by step and motor, in range.
-    /// All terms have the same effects in the same joints.
     pub fn advance(&self, states: &[&ControlState], actions: &[Vec<Vec<f64>>]) -> Vec<JointMotion> {
         let commands: Vec<Commands> =
             states.iter().zip(actions).map(|(state, own)| self.commands(state, own)).collect();

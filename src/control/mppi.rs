@@ -58,7 +58,7 @@ pub struct Mppi<'a> {
 }
 
 impl<'a> Mppi<'a> {
-    /// A planner for a set of possible physics, not empty, which have the same effects in the same joints.
+    /// A planner for a set of possible physics, not empty.
     pub fn new(model: &'a ControlModel, physics: Vec<Vec<JointTerm>>, config: MppiConfig) -> Mppi<'a> {
         let mut out = Mppi { model, physics, config, mean: Vec::new(), plans: 0 };
         out.restart();

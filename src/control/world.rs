@@ -103,19 +103,10 @@ impl ControlWorld {
     /// Steps every environment once. On an error nothing has been done.
     pub fn step(&mut self, actions: &[Vec<f64>], autoreset: Autoreset) -> Result<Vec<ControlStep>> {
         let actions = self.checked(actions, autoreset)?;
-        let is_stepped = |e: &Environment| !e.has_ended;
-        let (mut states, mut taken) = (Vec::new(), Vec::new());
-        for (environment, action) in self.environments.iter().zip(&actions) {
-            if let Some(state) = environment.state.as_ref().filter(|_| is_stepped(environment)) {
-                states.push(state);
-                taken.push(vec![action.clone()]);
-            }
-        }
-        let mut motions = self.config.model.advance(&states, &taken).into_iter();
+        let motions = self.motions(&actions);
         let mut out = Vec::with_capacity(self.config.count);
-        for (i, action) in actions.iter().enumerate() {
-            let episode = self.environments[i].state.take().filter(|_| !self.environments[i].has_ended);
-            let Some((state, motion)) = episode.zip(motions.next()) else {
+        for (i, (action, motion)) in actions.iter().zip(motions).enumerate() {
+            let Some((state, motion)) = self.environments[i].state.take().zip(motion) else {
                 let outcome = self.reset_one(i);
                 out.push(ControlStep { outcome, was_reset: true, final_observation: None });
                 continue;
@@ -132,6 +123,23 @@ impl ControlWorld {
             out.push(ControlStep { outcome, was_reset: false, final_observation });
         }
         Ok(out)
+    }
+
+    /// The motion of each environment in a step; `None` where the episode has ended.
+    fn motions(&self, actions: &[Vec<f64>]) -> Vec<Option<JointMotion>> {
+        let (mut places, mut states, mut taken) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, environment) in self.environments.iter().enumerate() {
+            if let Some(state) = environment.state.as_ref().filter(|_| !environment.has_ended) {
+                places.push(i);
+                states.push(state);
+                taken.push(vec![actions[i].clone()]);
+            }
+        }
+        let mut out = vec![None; self.config.count];
+        for (i, motion) in places.into_iter().zip(self.config.model.advance(&states, &taken)) {
+            out[i] = Some(motion);
+        }
+        out
     }
 
     /// Outcomes of sequences of actions from the current state of an environment of a simulated world, which does not change.
@@ -312,6 +320,28 @@ mod tests {
                 assert_eq!(few.step(&vec![own; 2], Autoreset::NextStep).unwrap(), wide[..2], "{}", task.name);
             }
         }
+    }
+
+    /// Also where some are reset while others move, and where some have effects that others lack.
+    #[test]
+    fn environments_that_are_reset_do_not_disturb_others() {
+        let (mut many, mut few) =
+            (world("cart_pole_balance", WorldKind::Sim, 9), world("cart_pole_balance", WorldKind::Sim, 2));
+        let friction = r#"{"effects": [{"joint": "slide", "name": "viscous_friction", "parameters": {"b": [0.5, 2.0]}}]}"#;
+        let mut stream = rng::stream(1, "actions");
+        let mut resets = 0;
+        for own in [&mut many, &mut few] {
+            own.reset(Some(4), None).unwrap();
+            let physics = serde_json::from_str(friction).unwrap();
+            own.set_physics(ControlPhysics::new(&physics, &own.config.model.tree, "").unwrap()).unwrap();
+        }
+        for _ in 0..200 {
+            let actions: Vec<Vec<f64>> = (0..9).map(|_| vec![stream.random_range(-10.0..10.0)]).collect();
+            let wide = many.step(&actions, Autoreset::NextStep).unwrap();
+            resets += wide.iter().filter(|step| step.was_reset).count();
+            assert_eq!(few.step(&actions[..2], Autoreset::NextStep).unwrap(), wide[..2]);
+        }
+        assert!(resets > 10, "{resets}");
     }
 
     #[test]

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::super::lanes::SimdLevel;
 use super::command::{CommandCursor, Commands};
 use super::dynamics::{IDLE_LINK, JointValues, LARGE, LinkLanes, NONE, TreeLanes, accelerations};
-use super::effect::{DriveLaw, JointLanes, JointLaw, LawValues, MAX_PARAMETERS, TorqueLaw};
+use super::effect::{DriveLaw, JointLanes, JointLaw, JointTerm, LawValues, MAX_PARAMETERS, TorqueLaw};
 use super::rollout::{JointMotion, JointRollout};
 use crate::task::joint::Control;
 use crate::world::effect::LANES;
@@ -43,13 +43,21 @@ struct Batch<'a> {
     time_step: f64,
 }
 
-/// Simulates rollouts in parallel: the same bits on any number of threads and in any batch. All rollouts have trees of the same
-/// structure, and terms of the same effects in the same joints.
+/// Simulates rollouts in parallel: the same bits on any number of threads and in any batch. All rollouts are of the same joints,
+/// motors and springs. Neighbours with the same effects in the same joints share registers.
 pub fn simulate(rollouts: &[JointRollout]) -> Vec<JointMotion> {
-    rollouts.par_chunks(LANES).flat_map_iter(run).collect()
+    let alike = rollouts.chunk_by(has_same_effects);
+    let batches: Vec<&[JointRollout]> = alike.flat_map(|own| own.chunks(LANES)).collect();
+    batches.into_par_iter().flat_map_iter(run).collect()
 }
 
-/// Simulates up to [`LANES`] rollouts.
+/// Whether two rollouts have the same effects in the same joints.
+fn has_same_effects(a: &JointRollout, b: &JointRollout) -> bool {
+    let is_same = |(a, b): (&JointTerm, &JointTerm)| a.joint == b.joint && a.effect.name == b.effect.name;
+    a.terms.len() == b.terms.len() && a.terms.iter().zip(&b.terms).all(is_same)
+}
+
+/// Simulates up to [`LANES`] rollouts with the same effects.
 fn run(rollouts: &[JointRollout]) -> Vec<JointMotion> {
     let mut batch = Batch::new(rollouts);
     let joints = batch.tree.links.len();
