@@ -30,7 +30,7 @@ use super::rollout_arrays::{self, ArrayRollouts};
 /// the end of a rollout (its last sample is after `steps` steps), and `solved` (1, 0; -1 without a goal), `end` (0 all steps, 1 goal, 2 diverged, 3 blocked),
 /// `steps`, `collisions`, `rolling_steps`. For a scene with joints --in has `position` and `velocity` (rollouts, joints) and
 /// `command` (rollouts, commands, motors), each command for an equal part of the duration, and --out `t`, `position` and
-/// `velocity` (rollouts, samples, joints); joints and motors are in the order of `joints` in --out.
+/// `velocity` (rollouts, samples, joints), NaN after a motion diverges; joints and motors are in the order of `joints` in --out.
 #[derive(clap::Args)]
 pub struct Args {
     /// Physics engine: auto, rapier, lanes or gpu.

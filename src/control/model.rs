@@ -6,7 +6,8 @@ use crate::task::control::{ControlExpressions, ControlTask};
 use crate::task::expression::Expression;
 use crate::task::joint::Motor;
 use crate::world::mechanism::{
-    Commands, JointMotion, JointRollout, JointTerm, Tree, measured_position, scene_terms, simulate,
+    Commands, JointMotion, JointRollout, JointTerm, Tree, longest_delay, measured_position, scene_terms,
+    simulate,
 };
 
 /// A task, compiled.
@@ -152,7 +153,7 @@ impl ControlModel {
             .enumerate()
             .map(|(i, state)| JointRollout {
                 tree: &self.tree,
-                terms: self.scene_terms.iter().chain(&state.terms).cloned().collect(),
+                terms: self.terms(state).cloned().collect(),
                 position: state.position.clone(),
                 velocity: state.velocity.clone(),
                 start: state.time,
@@ -164,14 +165,24 @@ impl ControlModel {
         simulate(&rollouts)
     }
 
+    /// Effects of the scene and of a state's own physics.
+    fn terms<'a>(&'a self, state: &'a ControlState) -> impl Iterator<Item = &'a JointTerm> {
+        self.scene_terms.iter().chain(&state.terms)
+    }
+
+    /// The command of each motor before the first action: 0, or the nearest value in its range.
+    pub fn idle(&self) -> Vec<f64> {
+        self.ranges.iter().map(|[low, high]| 0f64.clamp(*low, *high)).collect()
+    }
+
     /// Time after a number of steps, s.
     fn time(&self, steps: u32) -> f64 {
         f64::from(steps) * self.task.interval
     }
 
-    /// Past and coming commands. Before the first one they are 0, or the nearest value in range.
+    /// Past and coming commands, idle before the first one.
     fn commands(&self, state: &ControlState, actions: &[Vec<f64>]) -> Commands {
-        let idle = (-1e9, self.ranges.iter().map(|[low, high]| 0f64.clamp(*low, *high)).collect());
+        let idle = (-1e9, self.idle());
         let coming = actions.iter().enumerate().map(|(k, own)| (self.time(state.steps + k as u32), own));
         let past = std::iter::once(&idle).chain(&state.commands).map(|(t, own)| (*t, own));
         let all: Vec<(f64, &Vec<f64>)> = past.chain(coming).collect();
@@ -190,15 +201,14 @@ impl ControlModel {
             state.time = self.time(state.steps);
         }
         (state.position, state.velocity) = motion.end.clone();
-        // Commands act and are measured late by at most the largest delay and lag, half a second each.
-        let needed = state.commands.partition_point(|(t, _)| *t < state.time - 1.5).saturating_sub(1);
+        let oldest = state.time - longest_delay(self.terms(state));
+        let needed = state.commands.partition_point(|(t, _)| *t < oldest).saturating_sub(1);
         state.commands.drain(..needed);
     }
 
     /// Positions by joint as encoders measure those of a state at rest.
     pub fn measured(&self, state: &ControlState) -> Vec<f64> {
-        let of =
-            |(j, q): (usize, &f64)| measured_position(self.scene_terms.iter().chain(&state.terms), j, *q);
+        let of = |(j, q): (usize, &f64)| measured_position(self.terms(state), j, *q);
         state.position.iter().enumerate().map(of).collect()
     }
 
@@ -235,6 +245,21 @@ impl ControlModel {
             success: self.expressions.success.as_ref().map(holds),
             positions: self.joints.iter().map(|j| positions[*j]).collect(),
             velocities: self.joints.iter().map(|j| velocities[*j]).collect(),
+        }
+    }
+
+    /// An error that names an expression whose value is not finite.
+    pub fn check_finite(&self, outcome: &ControlOutcome) -> Result<()> {
+        let observed = self.task.observations.iter().zip(&outcome.observation);
+        let named = observed.map(|(own, value)| (format!("observation {}", own.name), *value));
+        let all = std::iter::once(("reward".to_string(), outcome.reward)).chain(named);
+        match all.into_iter().find(|(_, value)| !value.is_finite()) {
+            None => Ok(()),
+            Some((name, value)) => Err(Error::input(
+                name,
+                value,
+                "an expression of the task that is finite wherever the mechanism goes",
+            )),
         }
     }
 

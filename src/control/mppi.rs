@@ -3,12 +3,13 @@
 //! Source: Williams, Aldrich and Theodorou, Journal of Guidance, Control and Dynamics 40 (2017) 344.
 //!
 //! Differences from the source: samples are smooth in time (exponentially correlated), the temperature is relative to the spread
-//! of the returns, and a sequence's return is its mean over a set of possible physics.
+//! of the returns, and a sequence's return is its mean over a set of possible physics. An episode that ends without success costs as
+//! much as a reward of -1 in every step of the horizon.
 
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::model::{ControlModel, ControlState, RewardKind};
+use super::model::{ControlModel, ControlOutcome, ControlState, RewardKind};
 use crate::rng::{self, derive_seed};
 use crate::world::mechanism::JointTerm;
 
@@ -67,11 +68,7 @@ impl<'a> Mppi<'a> {
 
     /// Forgets the current sequence, at the start of an episode.
     pub fn restart(&mut self) {
-        self.mean = vec![self.idle(); self.config.horizon];
-    }
-
-    fn idle(&self) -> Vec<f64> {
-        self.model.ranges.iter().map(|[low, high]| 0f64.clamp(*low, *high)).collect()
+        self.mean = vec![self.model.idle(); self.config.horizon];
     }
 
     /// The command for a state.
@@ -85,7 +82,7 @@ impl<'a> Mppi<'a> {
         }
         self.plans += 1;
         let first = self.mean.remove(0);
-        self.mean.push(self.mean.last().cloned().unwrap_or_else(|| self.idle()));
+        self.mean.push(self.mean.last().cloned().unwrap_or_else(|| self.model.idle()));
         first
     }
 
@@ -118,12 +115,14 @@ impl<'a> Mppi<'a> {
     /// Mean return of each sequence over the possible physics.
     fn returns(&self, states: &[ControlState], samples: &[Vec<Vec<f64>>]) -> Vec<f64> {
         let horizon = self.config.horizon as f64;
-        let of = |outcomes: &Vec<super::model::ControlOutcome>| {
+        let of = |outcomes: &Vec<ControlOutcome>| {
             let sum: f64 = outcomes.iter().map(|o| o.reward).sum();
             let Some(last) = outcomes.last() else { return 0.0 };
-            // An episode that ends early gains nothing after its end, and keeps the final value.
-            let final_value = if last.terminated { 0.0 } else { self.config.final_weight * last.reward };
-            sum + final_value - if last.terminated && last.success != Some(true) { horizon } else { 0.0 }
+            sum + match (last.terminated, last.success) {
+                (false, _) => self.config.final_weight * last.reward,
+                (true, Some(true)) => 0.0,
+                (true, _) => -horizon,
+            }
         };
         let per_state: Vec<Vec<f64>> = states
             .par_iter()

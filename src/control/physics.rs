@@ -13,7 +13,7 @@ use crate::world::mechanism::{JointTerm, Tree};
 const MAX_WORLD_EFFECTS: usize = 32;
 
 /// Effects of a world and its noise.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub struct ControlPhysics {
     /// Lowest and highest values of each effect's parameters.
     low: Vec<JointTerm>,
@@ -68,8 +68,8 @@ impl ControlPhysics {
         Ok(ControlPhysics { low, high, noise })
     }
 
-    /// The same without ranges: every parameter drawn from its range.
-    pub fn drawn(&self, stream: &mut Stream) -> ControlPhysics {
+    /// The same without ranges: every parameter is drawn from its range.
+    pub fn draw_once(&self, stream: &mut Stream) -> ControlPhysics {
         let terms = self.draw(stream);
         ControlPhysics { low: terms.clone(), high: terms, noise: self.noise.clone() }
     }

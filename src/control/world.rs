@@ -68,13 +68,13 @@ impl ControlWorld {
             return Err(Error::input("count", config.count, format!("from 1 to {MAX_ENVIRONMENTS}")));
         }
         if config.kind == WorldKind::Real {
-            config.physics = config.physics.drawn(&mut rng::stream(config.seed, "control reality"));
+            config.physics = config.physics.draw_once(&mut rng::stream(config.seed, "control reality"));
         }
         let environments = (0..config.count).map(|i| Environment::seeded(config.seed, i)).collect();
         Ok(ControlWorld { config, environments, usage: ControlUsage::default() })
     }
 
-    /// Replaces effects and noise, from the next reset of each environment on.
+    /// Replaces the effects, from the next reset of each environment on, and the noise at once.
     pub fn set_physics(&mut self, physics: ControlPhysics) -> Result<()> {
         if self.config.kind == WorldKind::Real {
             return Err(Error::Refused { reason: "the physics of a real world cannot be set".into() });
@@ -97,10 +97,11 @@ impl ControlWorld {
             }
             out.push(wanted.then(|| self.reset_one(i)));
         }
+        out.iter().flatten().try_for_each(|outcome| self.config.model.check_finite(outcome))?;
         Ok(out)
     }
 
-    /// Steps every environment once. On an error nothing has been done.
+    /// Steps every environment once. Nothing has been done on an error, except one of numbers that are not finite.
     pub fn step(&mut self, actions: &[Vec<f64>], autoreset: Autoreset) -> Result<Vec<ControlStep>> {
         let actions = self.checked(actions, autoreset)?;
         let motions = self.motions(&actions);
@@ -122,6 +123,7 @@ impl ControlWorld {
             }
             out.push(ControlStep { outcome, was_reset: false, final_observation });
         }
+        out.iter().try_for_each(|step| self.config.model.check_finite(&step.outcome))?;
         Ok(out)
     }
 
@@ -253,8 +255,8 @@ impl ControlWorld {
         let fresh = model.initial(position, velocity, draws, terms);
         let measured = model.measured(&fresh);
         let positions = noisy(&measured, &physics.noise, stream);
-        let idle: Vec<f64> = model.ranges.iter().map(|[low, high]| 0f64.clamp(*low, *high)).collect();
-        let outcome = model.outcome([&positions, &fresh.velocity], &idle, [&[0.0], &fresh.draws], 0, *reward);
+        let numbers: [&[f64]; 2] = [&[0.0], &fresh.draws];
+        let outcome = model.outcome([&positions, &fresh.velocity], &model.idle(), numbers, 0, *reward);
         (*state, *has_ended) = (Some(fresh), false);
         outcome
     }
@@ -377,6 +379,21 @@ mod tests {
     }
 
     #[test]
+    fn numbers_that_are_not_finite_are_named() {
+        let mut task = control_task("pendulum_swing_up").unwrap().clone();
+        task.reward.dense = "1 / (time - 0.04)".into();
+        let model = Arc::new(ControlModel::new(task).unwrap());
+        let physics = ControlPhysics::new(&ControlReality::default(), &model.tree, "").unwrap();
+        let (kind, count, reward) = (WorldKind::Sim, 2, RewardKind::Dense);
+        let mut world =
+            ControlWorld::new(ControlWorldConfig { model, kind, physics, count, reward, seed: 1 }).unwrap();
+        world.reset(None, None).unwrap();
+        let mut step = || world.step(&[vec![0.0], vec![0.0]], Autoreset::Disabled);
+        step().unwrap();
+        assert!(step().unwrap_err().to_string().contains("reward"));
+    }
+
+    #[test]
     fn an_episode_is_truncated_at_its_time_limit() {
         let mut world = world("pendulum_swing_up", WorldKind::Sim, 1);
         world.reset(None, None).unwrap();
@@ -417,7 +434,7 @@ mod tests {
         assert_eq!(terms(&world, 1), first);
         world.reset(Some(2), None).unwrap();
         assert_eq!(terms(&world, 0), first);
-        assert!(world.set_physics(ControlPhysics::default()).is_err());
+        assert!(world.set_physics(world.config.physics.clone()).is_err());
         assert!(world.rollouts(0, &[vec![vec![0.0]]]).is_err());
     }
 }

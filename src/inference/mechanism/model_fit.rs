@@ -21,8 +21,8 @@ use crate::progress::Progress;
 const MAX_STEPS: usize = 12;
 const MAX_HALVINGS: usize = 3;
 const TOLERANCE: f64 = 0.05;
-/// Maximum number of steps of initial states alone, and of searches of states in a fit; relative decrease of squares below which they end, and the factor of a step
-/// after a failure.
+/// Maximum number of steps of initial states alone, and of searches of states in a fit; relative decrease of squares below which they
+/// end, and the factor of a step after a failure.
 const MAX_STATE_STEPS: usize = 12;
 const MAX_STATE_UPDATES: usize = 3;
 const STATE_TOLERANCE: f64 = 1e-3;
@@ -138,10 +138,8 @@ impl JointContext<'_, '_> {
         let of = |(w, own): (usize, &JointLinearization)| {
             let segment = &self.recording.segments[w];
             let residual = &own.residual - &own.jacobian * &change;
-            let right = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
-            let right = self.recording.white(segment, &right);
-            let solved = self.recording.white(segment, &own.nuisances).svd(true, true).solve(&right, 1e-12);
-            let step = solved.unwrap_or_else(|_| DMatrix::zeros(own.nuisances.ncols(), 1));
+            let right = self.recording.white_column(segment, &residual);
+            let step = self.recording.state_step(segment, &own.nuisances, &right);
             from.states[w].iter().zip(step.iter()).map(|(state, by)| state + by).collect()
         };
         from.linearizations.iter().enumerate().map(of).collect()
@@ -157,17 +155,15 @@ impl JointContext<'_, '_> {
         let recording = self.recording;
         // By segment: the best square and states, and the step from there with its fraction.
         let mut best: Vec<(f64, Vec<f64>)> = states.iter().map(|s| (f64::INFINITY, s.clone())).collect();
-        let mut steps: Vec<(Vec<f64>, f64)> = states.iter().map(|s| (vec![0.0; s.len()], 1.0)).collect();
+        let mut steps: Vec<(DVector<f64>, f64)> =
+            states.iter().map(|s| (DVector::zeros(s.len()), 1.0)).collect();
         let mut failures = vec![0; states.len()];
         for _ in 0..MAX_STATE_STEPS {
             self.progress.check_stop()?;
             let mut unsettled = Vec::with_capacity(active.len());
             for (w, own) in active.iter().copied().zip(recording.linearise_states(terms, &states, &active)) {
                 let segment = &recording.segments[w];
-                let right = recording.white(
-                    segment,
-                    &DMatrix::from_column_slice(own.residual.len(), 1, own.residual.as_slice()),
-                );
+                let right = recording.white_column(segment, &own.residual);
                 let (square, step) = (right.norm_squared(), &mut steps[w]);
                 if square < best[w].0 {
                     if square < (1.0 - STATE_TOLERANCE) * best[w].0 {
@@ -175,10 +171,7 @@ impl JointContext<'_, '_> {
                     }
                     failures[w] = 0;
                     best[w] = (square, states[w].clone());
-                    let solved =
-                        recording.white(segment, &own.nuisances).svd(true, true).solve(&right, 1e-12);
-                    *step =
-                        (solved.map_or_else(|_| vec![0.0; states[w].len()], |m| m.as_slice().to_vec()), 1.0);
+                    *step = (recording.state_step(segment, &own.nuisances, &right), 1.0);
                 } else {
                     step.1 *= STATE_STEP_SHRINKAGE;
                     failures[w] += 1;
@@ -186,7 +179,7 @@ impl JointContext<'_, '_> {
                         unsettled.push(w);
                     }
                 }
-                states[w] = best[w].1.iter().zip(&step.0).map(|(s, by)| s + step.1 * by).collect();
+                states[w] = best[w].1.iter().zip(step.0.iter()).map(|(s, by)| s + step.1 * by).collect();
             }
             active = unsettled;
             if active.is_empty() {

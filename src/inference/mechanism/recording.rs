@@ -137,6 +137,24 @@ impl<'a> JointRecording<'a> {
         out
     }
 
+    /// A column in white coordinates.
+    pub fn white_column(&self, segment: &JointSegment, column: &DVector<f64>) -> DVector<f64> {
+        self.white(segment, &DMatrix::from_column_slice(column.len(), 1, column.as_slice()))
+            .column(0)
+            .into_owned()
+    }
+
+    /// The step of a segment's initial state that fits a residual in white coordinates best.
+    pub fn state_step(
+        &self,
+        segment: &JointSegment,
+        nuisances: &DMatrix<f64>,
+        residual: &DVector<f64>,
+    ) -> DVector<f64> {
+        let solved = self.white(segment, nuisances).svd(true, true).solve(residual, 1e-12);
+        solved.unwrap_or_else(|_| DVector::zeros(nuisances.ncols()))
+    }
+
     /// Variances of the unit trial discrepancy in white coordinates.
     pub fn gp_variances(&self, segment: &JointSegment) -> DVector<f64> {
         let own = &segment.map.1;

@@ -65,8 +65,8 @@ pub fn operations() -> Vec<Operation> {
             .compute_handler(render),
         post("set_control_physics", "/v1/control/worlds/{id}/set_physics", "control", ACT)
             .about(
-                "Replaces the effects and noise of a simulated world, from the next resets on. Parameters with ranges are drawn at \
-                 each reset.",
+                "Replaces the effects of a simulated world, from the next resets on, and its noise at once. Parameters with ranges \
+                 are\ndrawn at each reset.",
             )
             .errors(&[(404, ""), (409, "The world is real")])
             .handler(set_physics),
@@ -81,7 +81,7 @@ fn create(
     app: &RequestContext,
     JsonBody(mut body): JsonBody<CreateControlWorld>,
 ) -> Result<(u16, ControlWorldOut)> {
-    let model = ControlModel::new(body.control_task()?)?;
+    let model = body.model()?;
     let kind = body.kind.unwrap_or(WorldKind::Sim);
     let physics = match (kind, body.physics) {
         (WorldKind::Real, None) => ControlPhysics::new(&model.task.real, &model.tree, "real.")?,

@@ -58,13 +58,10 @@ impl PhysicsIn {
 
 impl CreateControlWorld {
     /// The task that the world is of.
-    pub fn control_task(&mut self) -> Result<ControlTask> {
+    pub fn model(&mut self) -> Result<ControlModel> {
         match (self.task.take(), self.definition.take()) {
-            (Some(name), None) => control_task(&name).cloned(),
-            (None, Some(JsonObject(task))) => {
-                task.validate().map_err(|e| e.in_field("definition"))?;
-                Ok(task)
-            }
+            (Some(name), None) => ControlModel::new(control_task(&name)?.clone()),
+            (None, Some(JsonObject(task))) => ControlModel::new(task).map_err(|e| e.in_field("definition")),
             (Some(_), Some(_)) => {
                 Err(Error::input("definition", "given together with `task`", "one of task and definition"))
             }
@@ -259,9 +256,9 @@ pub struct ControlStepOut {
 /// Results of rollouts by sequence.
 #[derive(Serialize, ToSchema)]
 pub struct ControlRolloutOut {
-    /// Reward of each step; 0 after the end of an episode.
+    /// Reward of each step; 0 after the end of an episode, `null` (minus infinity in a binary array) where a motion diverges.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Vec<Vec<f64>>, required = true)]
+    #[schema(value_type = Vec<Vec<Option<f64>>>, required = true)]
     pub reward: Option<Array>,
     /// Number of steps until the end of the episode or of the sequence.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -176,6 +176,15 @@ impl ControlTask {
     /// The parsed expressions; names are those of joints in the scene's order.
     pub fn expressions(&self) -> Result<ControlExpressions> {
         let mut names = self.names();
+        for name in self.draws.keys() {
+            if names.iter().filter(|other| *other == name).count() > 1 {
+                return Err(Error::input(
+                    format!("draws.{name}"),
+                    "taken",
+                    "a name that no other number has",
+                ));
+            }
+        }
         let mut values = Vec::new();
         for (i, (name, text)) in self.values.iter().enumerate() {
             let field = format!("values[{i}]");
@@ -332,6 +341,7 @@ mod tests {
         refused(&|t| t.actions.clear(), "actions.hinge");
         refused(&|t| t.actions.extend([("other".into(), [0.0, 1.0])]), "actions.other");
         refused(&|t| t.draws.extend([("goal".into(), [1.0, 0.0])]), "draws.goal");
+        refused(&|t| t.draws.extend([("hinge_velocity".into(), [0.0, 1.0])]), "draws.hinge_velocity");
         refused(&|t| t.terminate = Some("elbow > 1".into()), "terminate");
         refused(&|t| t.scene.motors.clear(), "scene.motors");
     }

@@ -68,6 +68,12 @@ impl JointRollout<'_> {
     }
 }
 
+/// Sum of all delays of commands and ages of measurements among `terms`, s: what happened earlier has no effect.
+pub fn longest_delay<'a>(terms: impl IntoIterator<Item = &'a JointTerm>) -> f64 {
+    let own = |t: &&JointTerm| matches!(t.effect.law, JointLaw::CommandDelay | JointLaw::EncoderLag);
+    terms.into_iter().filter(own).map(|t| t.values[0]).sum()
+}
+
 /// Measured position for the actual one of a joint, with the encoder's effects among `terms`.
 pub fn measured_position<'a>(
     terms: impl IntoIterator<Item = &'a JointTerm>,

@@ -239,7 +239,10 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Replaces the effects and noise of a simulated world, from the next resets on. Parameters with ranges are drawn at each reset. */
+        /**
+         * Replaces the effects of a simulated world, from the next resets on, and its noise at once. Parameters with ranges are
+         *     drawn at each reset.
+         */
         post: operations["set_control_physics"];
         delete?: never;
         options?: never;
@@ -1384,8 +1387,8 @@ export interface components {
         ControlRolloutOut: {
             /** @description Observation at the end. */
             observation: number[][];
-            /** @description Reward of each step; 0 after the end of an episode. */
-            reward: number[][];
+            /** @description Reward of each step; 0 after the end of an episode, `null` (minus infinity in a binary array) where a motion diverges. */
+            reward: (number | null)[][];
             /** @description Number of steps until the end of the episode or of the sequence. */
             steps: number[];
             terminated: boolean[];

@@ -23,7 +23,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import png
-from .envs import RENDER_SIZE, Reconnecting
+from .envs import RENDER_SIZE, Reconnecting, WorldOwner
 from .joint_recording import JointRecording
 from .sync import Client, ControlWorld
 from .vector import AUTORESET_NAMES
@@ -32,7 +32,7 @@ from .vector import AUTORESET_NAMES
 Effects = Sequence[Mapping[str, Any]]
 
 
-class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
+class ControlEnv(WorldOwner, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     """One environment of a control task.
 
     - `task`: the name of a built-in task, or an `iplw.control/1` document.
@@ -43,6 +43,7 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    world: ControlWorld
 
     def __init__(
         self,
@@ -59,16 +60,10 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
     ) -> None:
         EzPickle.__init__(self, **{name: value for name, value in locals().items() if name not in ("self", "__class__")})
         self.render_mode = render_mode
-        self.client = Client(url, timeout=timeout)
-        try:
-            self.world = _world(self.client, task, world, 1, reward, effects, noise, world_seed)
-        except BaseException:
-            self.client.close()
-            raise
+        self.client, self.world = _connect(url, timeout, task, world, 1, reward, effects, noise, world_seed)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.world.data["task"]["interval"])}
         self.observation_space, self.action_space = _spaces(self.world)
         self._recording = JointRecording(self.world.data["task"])
-        self._closed = False
         self._never_reset = True
 
     def reset(
@@ -109,7 +104,7 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
         return self._recording.csv()
 
     def set_physics(self, effects: Effects = (), noise: Mapping[str, float] | None = None) -> None:
-        """Replaces effects and noise of a simulated world, from the next reset on."""
+        """Replaces the effects of a simulated world, from the next reset on, and its noise at once."""
         self.world.set_physics(effects, noise)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
@@ -118,16 +113,6 @@ class ControlEnv(Reconnecting, gymnasium.Env[NDArray[Any], NDArray[Any]]):
             gymnasium.logger.warn('render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")')
             return None
         return png.decode(self.world.render(width=RENDER_SIZE))
-
-    def close(self) -> None:
-        """Deletes the world and closes the connection; idempotent."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self.world.close()
-        finally:
-            self.client.close()
 
 
 class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -157,12 +142,7 @@ class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self.render_mode = render_mode
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**ControlEnv.metadata, "autoreset_mode": self._mode}
-        self.client = Client(url, timeout=timeout)
-        try:
-            self.world = _world(self.client, task, world, num_envs, reward, effects, noise, world_seed)
-        except BaseException:
-            self.client.close()
-            raise
+        self.client, self.world = _connect(url, timeout, task, world, num_envs, reward, effects, noise, world_seed)
         self.single_observation_space, self.single_action_space = _spaces(self.world)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -206,7 +186,7 @@ class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArr
         return self._observations.copy(), np.asarray(answer["reward"], np.float64), terminated, truncated, infos
 
     def set_physics(self, effects: Effects = (), noise: Mapping[str, float] | None = None) -> None:
-        """Replaces effects and noise of a simulated world, from each environment's next reset on."""
+        """Replaces the effects of a simulated world, from each environment's next reset on, and its noise at once."""
         self.world.set_physics(effects, noise)
 
     def render(self) -> tuple[Any, ...] | None:
@@ -223,8 +203,9 @@ class ControlVectorEnv(Reconnecting, VectorEnv[NDArray[Any], NDArray[Any], NDArr
             self.client.close()
 
 
-def _world(
-    client: Client,
+def _connect(
+    url: str | None,
+    timeout: float,
     task: str | Mapping[str, Any],
     world: str,
     count: int,
@@ -232,10 +213,16 @@ def _world(
     effects: Effects,
     noise: Mapping[str, float] | None,
     seed: int,
-) -> ControlWorld:
+) -> tuple[Client, ControlWorld]:
+    """A connection, and a world on it."""
     named: dict[str, Any] = {"task": task} if isinstance(task, str) else {"definition": task}
     physics = {"effects": list(effects), "noise": dict(noise or {})} if effects or noise else None
-    return client.create_control_world(**named, kind=world, count=count, reward=reward, physics=physics, seed=seed)
+    client = Client(url, timeout=timeout)
+    try:
+        return client, client.create_control_world(**named, kind=world, count=count, reward=reward, physics=physics, seed=seed)
+    except BaseException:
+        client.close()
+        raise
 
 
 def _spaces(world: ControlWorld) -> tuple[spaces.Box, spaces.Box]:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from . import browser, png
 from .families import COLLECTIONS
 from .film import Film
-from .sync import Client, World
+from .sync import Client, ControlWorld, World
 from .rollout import Action, Rollouts
 
 Observation: TypeAlias = NDArray[Any]
@@ -62,7 +62,25 @@ class Reconnecting(EzPickle):
         self.spec = state["spec"]
 
 
-class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
+class WorldOwner(Reconnecting):
+    """An environment with a connection and a world of its own."""
+
+    client: Client
+    world: World | ControlWorld
+    _closed = False
+
+    def close(self) -> None:
+        """Deletes the world and closes the connection; idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self.world.close()
+        finally:
+            self.client.close()
+
+
+class PlacementEnv(WorldOwner, gymnasium.Env[Observation, Any]):
     """A Gymnasium environment with one world.
 
     - `task`: a family (`bowling`), one task of it (`bowling:017`), or None with a `scene` in `world`.
@@ -108,7 +126,6 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
             self.metadata = {**self.metadata, "render_fps": FPS}
         self._split = split
         self._image_size = image_size if observation == "image" else None
-        self._closed = False
         self._never_reset = True
         #: The connection, used by this environment only.
         self.client = Client(url, timeout=timeout, collections=collections(task, world))
@@ -182,16 +199,6 @@ class PlacementEnv(Reconnecting, gymnasium.Env[Observation, Any]):
         It remains available after a reset, until the next valid action. `Problem` (409) if there was no step.
         """
         return self.world.film(width=width, fps=fps)
-
-    def close(self) -> None:
-        """Deletes the world and closes the connection; idempotent."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self.world.close()
-        finally:
-            self.client.close()
 
     @property
     def spec(self) -> EnvSpec | None:

@@ -60,8 +60,8 @@ class ControlWorld(Resource):
     def rollout(self, actions: Sequence[Any] | NDArray[Any], *, environment: int = 0) -> dict[str, NDArray[Any]]:
         """Simulates sequences of actions from the state of an environment, which does not change.
 
-        actions: (sequences, steps, motors). Returns `reward` (sequences, steps), 0 after the end of an episode, `steps` until
-        it, `terminated`, and the last `observation`. `Problem` (409) for a real world.
+        actions: (sequences, steps, motors). Returns `reward` (sequences, steps), 0 after the end of an episode and minus infinity
+        where a motion diverges, `steps` until the end, `terminated`, and the last `observation`. `Problem` (409) for a real world.
         """
         request = requests.control(
             "rollout_control_world", self.id, len(actions), actions=actions, environment=environment
@@ -71,7 +71,7 @@ class ControlWorld(Resource):
     def set_physics(
         self, effects: Sequence[Mapping[str, Any]] = (), noise: Mapping[str, float] | None = None
     ) -> Self:
-        """Replaces effects in joints and noise of measured positions, from the next resets on.
+        """Replaces effects in joints, from the next resets on, and the noise of measured positions at once.
 
         `effects`: `[{"joint": "hinge", "name": "viscous_friction", "parameters": {"b": [0.01, 0.05]}}]`; a range is drawn at
         each reset: domain randomisation. `Problem` (409) for a real world.
