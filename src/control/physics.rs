@@ -34,6 +34,7 @@ impl ControlPhysics {
                 allowed,
             ));
         }
+        reality.validate_noise(tree.names.iter(), place)?;
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for (i, own) in effects.iter().enumerate() {
             let place = format!("{place}effects[{i}]");

@@ -55,6 +55,23 @@ def test_a_vector_steps_as_its_environments_do() -> None:
         single.close()
 
 
+def test_environments_that_are_reset_do_not_disturb_others() -> None:
+    """The next steps of some reset them while others move, each with actions of its own."""
+    vectors = [gymnasium.make_vec("iplw/CartPoleBalance-v0", num_envs=n, vectorization_mode="vector_entry_point") for n in (6, 2)]
+    random = np.random.default_rng(5)
+    try:
+        for vector in vectors:
+            vector.reset(seed=2)
+        for _ in range(150):
+            actions = random.uniform(-10, 10, (6, 1))
+            wide, narrow = vectors[0].step(actions), vectors[1].step(actions[:2])
+            for many, few in zip(wide[:4], narrow[:4]):
+                assert np.array_equal(many[:2], few)
+    finally:
+        for vector in vectors:
+            vector.close()
+
+
 def test_same_step_resets_keep_the_last_observation() -> None:
     vector = gymnasium.make_vec(
         "iplw/CartPoleBalance-v0", num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"
@@ -85,6 +102,9 @@ def test_ranges_of_physics_are_drawn_at_each_reset() -> None:
         assert np.asarray(world.step(np.full((8, 1), 10.0))["velocity"])[:, 0].std() < 0.05
         with pytest.raises(iplw.Problem, match=r"physics|effects\[0\].name|stiction"):
             world.set_physics([{"joint": "slide", "name": "stiction"}])
+        for noise, field in (({"elbow": 0.1}, "physics.noise.elbow"), ({"slide": -1.0}, "physics.noise.slide")):
+            with pytest.raises(iplw.Problem, match=field):
+                world.set_physics(noise=noise)
 
 
 def test_real_worlds_hide_their_physics() -> None:

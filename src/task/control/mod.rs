@@ -111,6 +111,19 @@ impl ControlReality {
     fn is_none(&self) -> bool {
         self.effects.is_empty() && self.noise.is_empty()
     }
+
+    /// Checks the noise; `place` prefixes the field of an error.
+    pub fn validate_noise<'a>(
+        &self,
+        joints: impl Iterator<Item = &'a String> + Clone,
+        place: &str,
+    ) -> Result<()> {
+        self.noise.iter().try_for_each(|(joint, sd)| {
+            let field = format!("{place}noise.{joint}");
+            check_joint(&field, joint, joints.clone())?;
+            check_range(&field, *sd, 0.0, MAX_MAGNITUDE).map(drop)
+        })
+    }
 }
 
 /// An effect in a joint whose parameters are numbers or ranges.
@@ -234,7 +247,7 @@ impl ControlTask {
         check_range("time_limit", self.time_limit, self.interval, longest)?;
         self.validate_actions()?;
         for (joint, range) in &self.initial {
-            self.check_joint(&format!("initial.{joint}"), joint)?;
+            check_joint(&format!("initial.{joint}"), joint, self.joint_names())?;
             check_ordered(&format!("initial.{joint}.position"), range.position)?;
             check_ordered(&format!("initial.{joint}.velocity"), range.velocity)?;
         }
@@ -252,10 +265,7 @@ impl ControlTask {
         if self.observations.is_empty() {
             return Err(Error::input("observations", "none", "at least one number"));
         }
-        for (joint, sd) in &self.real.noise {
-            self.check_joint(&format!("real.noise.{joint}"), joint)?;
-            check_range(&format!("real.noise.{joint}"), *sd, 0.0, MAX_MAGNITUDE)?;
-        }
+        self.real.validate_noise(self.joint_names(), "real.")?;
         self.expressions().map(drop)
     }
 
@@ -276,13 +286,23 @@ impl ControlTask {
         }
     }
 
-    fn check_joint(&self, field: &str, name: &str) -> Result<()> {
-        let known = self.scene.joints.iter().map(|j| j.name.as_str()).collect::<Vec<&str>>();
-        if known.contains(&name) {
-            return Ok(());
-        }
-        Err(Error::input(field, "no joint", format!("joints {}", known.join(", "))))
+    fn joint_names(&self) -> impl Iterator<Item = &String> + Clone {
+        self.scene.joints.iter().map(|joint| &joint.name)
     }
+}
+
+/// Checks that a joint exists.
+fn check_joint<'a>(
+    field: &str,
+    name: &str,
+    mut joints: impl Iterator<Item = &'a String> + Clone,
+) -> Result<()> {
+    let known = joints.clone();
+    if joints.any(|joint| joint == name) {
+        return Ok(());
+    }
+    let known: Vec<&str> = known.map(String::as_str).collect();
+    Err(Error::input(field, "no joint", format!("joints {}", known.join(", "))))
 }
 
 /// Checks that a range is finite and not empty.
