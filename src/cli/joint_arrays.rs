@@ -24,9 +24,8 @@ pub fn run(scene: &Scene, samples: bool, input: &Path, out: &Path) -> Result<()>
     let inputs = JointInputs::new(&tree, npz::read(input)?).map_err(|e| e.in_file(input.display()))?;
     output::prepare_file("--out", out)?;
     let terms = scene_terms(scene, &tree)?;
-    let all = (0..scene.steps).step_by(scene.observe_every as usize).chain([scene.steps]);
-    let steps: Vec<u32> = if samples { all.collect() } else { vec![scene.steps] };
-    let times: Vec<f64> = steps.iter().map(|step| f64::from(*step) * scene.time_step).collect();
+    let duration = f64::from(scene.steps) * scene.time_step;
+    let times = if samples { scene.observation_times() } else { vec![duration] };
     let width = times.len() * tree.links.len();
     let bytes = inputs.count.saturating_mul(16 * width);
     if bytes > MAX_SAMPLE_BYTES {
@@ -35,7 +34,6 @@ pub fn run(scene: &Scene, samples: bool, input: &Path, out: &Path) -> Result<()>
             "at most 8 GB of samples: take fewer rollouts, a larger `observe_every`, or --no-samples";
         return Err(Error::input("rollouts", value, allowed));
     }
-    let duration = f64::from(scene.steps) * scene.time_step;
     let (mut position, mut velocity) = (vec![0.0; inputs.count * width], vec![0.0; inputs.count * width]);
     let progress = output::TerminalProgress::new();
     for start in (0..inputs.count).step_by(BATCH) {

@@ -34,8 +34,7 @@ struct JointColumns {
 pub fn rollout(scene: &Scene, commands: Option<&str>) -> Result<JointRecord> {
     let tree = Tree::of(scene)?;
     let commands = commands.map_or(Ok(Commands::default()), |text| commands_from_csv(text, scene))?;
-    let steps = (0..scene.steps).step_by(scene.observe_every as usize).chain([scene.steps]);
-    let times: Vec<f64> = steps.map(|step| f64::from(step) * scene.time_step).collect();
+    let times = scene.observation_times();
     let rollout = JointRollout {
         terms: scene_terms(scene, &tree)?,
         position: tree.position.clone(),

@@ -215,11 +215,7 @@ impl Results {
     fn new(config: &ArrayRollouts, count: usize) -> Result<Results> {
         let scene = config.scene;
         let bodies = scene.bodies.len();
-        let mut times: Vec<f64> = Vec::new();
-        if config.samples {
-            let steps = (0..scene.steps).step_by(scene.observe_every as usize).chain([scene.steps]);
-            times.extend(steps.map(|step| f64::from(step) * scene.time_step));
-        }
+        let times = if config.samples { scene.observation_times() } else { Vec::new() };
         let numbers = times.len() * bodies * count;
         let bytes = numbers.saturating_mul(8 * STATE_NUMBERS);
         if bytes > MAX_SAMPLE_BYTES {

@@ -90,6 +90,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Times at which a full rollout is observed, the start and the end included, s.
+    pub fn observation_times(&self) -> Vec<f64> {
+        let steps = (0..self.steps).step_by(self.observe_every as usize).chain([self.steps]);
+        steps.map(|step| f64::from(step) * self.time_step).collect()
+    }
+
     /// Parses and validates a scene; errors name the field's path.
     pub fn from_json(text: &str) -> Result<Scene> {
         let scene: Scene = crate::json::parse(text)?;

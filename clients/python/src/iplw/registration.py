@@ -9,19 +9,11 @@ from .families import CONTROL_TASKS, FAMILIES
 
 def register() -> None:
     """Registers the environments that are not registered yet; called by `import iplw`."""
-    for name, family in FAMILIES.items():
-        if name not in gymnasium.registry:
-            gymnasium.register(
-                name,
-                entry_point="iplw.envs:PlacementEnv",
-                vector_entry_point="iplw.vector:PlacementVectorEnv",
-                kwargs={"task": family},
-            )
-    for name, task in CONTROL_TASKS.items():
-        if name not in gymnasium.registry:
-            gymnasium.register(
-                name,
-                entry_point="iplw.control_envs:ControlEnv",
-                vector_entry_point="iplw.control_envs:ControlVectorEnv",
-                kwargs={"task": task},
-            )
+    for tasks, entry_point, vector_entry_point in (
+        (FAMILIES, "iplw.envs:PlacementEnv", "iplw.vector:PlacementVectorEnv"),
+        (CONTROL_TASKS, "iplw.control_envs:ControlEnv", "iplw.control_envs:ControlVectorEnv"),
+    ):
+        for name, task in tasks.items():
+            if name not in gymnasium.registry:
+                kwargs = {"task": task}
+                gymnasium.register(name, entry_point=entry_point, vector_entry_point=vector_entry_point, kwargs=kwargs)
