@@ -54,7 +54,8 @@ pub fn run(scene: &Scene, samples: bool, input: &Path, out: &Path) -> Result<()>
                 field: None,
             })
             .collect();
-        let motions = simulate(&rollouts);
+        let mut motions = simulate(&rollouts);
+        motions.iter_mut().for_each(|motion| motion.round_positions(&terms));
         let range = start * width..start * width + motions.len() * width;
         fill(&mut position[range.clone()], width, &motions, |motion| &motion.positions);
         fill(&mut velocity[range], width, &motions, |motion| &motion.velocities);

@@ -45,7 +45,9 @@ pub fn rollout(scene: &Scene, commands: Option<&str>) -> Result<JointRecord> {
         times: &times,
         field: None,
     };
-    let motion = simulate(&[rollout]).swap_remove(0);
+    let terms = rollout.terms.clone();
+    let mut motion = simulate(&[rollout]).swap_remove(0);
+    motion.round_positions(&terms);
     if motion.positions.iter().flatten().any(|q| !q.is_finite()) {
         return Err(Error::Failed("the motion of the joints diverges: use a smaller time_step".into()));
     }

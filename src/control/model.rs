@@ -1,13 +1,17 @@
 //! A control task's mechanism and expressions.
 
+use rand_distr::{Distribution, StandardNormal};
+
 use crate::error::{Error, Result};
 use crate::names::names;
+use crate::rng::Stream;
 use crate::task::control::{ControlExpressions, ControlTask};
 use crate::task::expression::Expression;
 use crate::task::joint::Motor;
+use crate::world::mechanism::effect::JointState;
 use crate::world::mechanism::{
-    Commands, JointMotion, JointRollout, JointTerm, Tree, longest_delay, measured_position, scene_terms,
-    simulate,
+    Commands, JointMotion, JointRollout, JointTerm, Tree, longest_delay, measured_position, rounded_position,
+    scene_terms, simulate,
 };
 
 /// A task, compiled.
@@ -208,8 +212,27 @@ impl ControlModel {
 
     /// Positions by joint as encoders measure those of a state at rest.
     pub fn measured(&self, state: &ControlState) -> Vec<f64> {
-        let of = |(j, q): (usize, &f64)| measured_position(self.terms(state), j, *q);
-        state.position.iter().enumerate().map(of).collect()
+        let of = |j: usize| {
+            let (position, velocity) = (state.position[j], state.velocity[j]);
+            let own = JointState { position, velocity, drive: 0.0, max_torque: 0.0 };
+            measured_position(self.terms(state), j, own)
+        };
+        (0..state.position.len()).map(of).collect()
+    }
+
+    /// Measured positions with noise of these standard deviations, rounded to the resolution of the encoders.
+    pub fn with_noise(
+        &self,
+        state: &ControlState,
+        positions: &[f64],
+        sd: &[f64],
+        stream: &mut Stream,
+    ) -> Vec<f64> {
+        let own = |(j, (q, sd)): (usize, (&f64, &f64))| {
+            let z: f64 = StandardNormal.sample(stream);
+            rounded_position(self.terms(state), j, q + sd * z)
+        };
+        positions.iter().zip(sd).enumerate().map(own).collect()
     }
 
     /// Numbers at a state: measured positions and velocities by joint of the tree, the last action and the time, s.

@@ -6,7 +6,6 @@
 use std::sync::Arc;
 
 use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
 
 use super::model::{ControlModel, ControlOutcome, ControlState, RewardKind};
 use super::physics::ControlPhysics;
@@ -227,7 +226,8 @@ impl ControlWorld {
             return outcome;
         }
         model.moved(&mut state, &[action.to_vec()], motion);
-        let positions = noisy(&positions, &self.config.physics.noise, &mut environment.stream);
+        let noise = &self.config.physics.noise;
+        let positions = model.with_noise(&state, &positions, noise, &mut environment.stream);
         let now = [state.time];
         let numbers = [&now[..], &state.draws];
         let outcome =
@@ -254,7 +254,7 @@ impl ControlWorld {
         let terms = physics.draw(stream);
         let fresh = model.initial(position, velocity, draws, terms);
         let measured = model.measured(&fresh);
-        let positions = noisy(&measured, &physics.noise, stream);
+        let positions = model.with_noise(&fresh, &measured, &physics.noise, stream);
         let numbers: [&[f64]; 2] = [&[0.0], &fresh.draws];
         let outcome = model.outcome([&positions, &fresh.velocity], &model.idle(), numbers, 0, *reward);
         (*state, *has_ended) = (Some(fresh), false);
@@ -267,15 +267,6 @@ impl Environment {
         let stream = rng::stream(derive_seed(seed, "control environment", index as u64), "episodes");
         Environment { stream, state: None, has_ended: false }
     }
-}
-
-/// Positions with noise.
-fn noisy(positions: &[f64], sd: &[f64], stream: &mut Stream) -> Vec<f64> {
-    let with_noise = |(q, sd): (&f64, &f64)| {
-        let z: f64 = StandardNormal.sample(stream);
-        q + sd * z
-    };
-    positions.iter().zip(sd).map(with_noise).collect()
 }
 
 fn not_reset() -> Error {

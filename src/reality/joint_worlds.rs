@@ -19,7 +19,7 @@ use crate::task::shape::{Rectangle, Shape};
 use crate::world::mechanism::effect::{JointEffect, JointScale};
 use crate::world::mechanism::{
     Commands, FieldShape, JointMotion, JointRollout, JointTerm, TorqueField, TorqueFunction, Tree,
-    required_torques, simulate,
+    required_torques, rounded_position, simulate,
 };
 
 /// A kind of mechanism.
@@ -207,7 +207,8 @@ impl Mechanism {
             let mut measured = |i: usize| {
                 let mut own = |j: usize| {
                     let (q, noise): (f64, f64) = (motion.positions[j][i], StandardNormal.sample(stream));
-                    q + ECCENTRICITY * amplitude(&tree, j) * libm::sin(q + eccentric[j]) + plan.noise * noise
+                    let eccentricity = ECCENTRICITY * amplitude(&tree, j) * libm::sin(q + eccentric[j]);
+                    rounded_position(&terms[k], j, q + eccentricity + plan.noise * noise)
                 };
                 (0..eccentric.len()).map(&mut own).collect()
             };
@@ -326,6 +327,7 @@ fn random_term(
             JointScale::Absolute => 1.0,
             JointScale::Torque => torque,
             JointScale::TorquePerVelocity => torque / velocity.max(1e-9),
+            JointScale::PerTorque => 1.0 / torque.max(1e-9),
             JointScale::Velocity => velocity,
             JointScale::Mass => link.mass,
             JointScale::Length => link.tip[0].hypot(link.tip[1]),
@@ -343,6 +345,10 @@ fn random_term(
 /// The term with the size of one trial.
 fn varied(term: &JointTerm, stream: &mut Stream) -> JointTerm {
     let z: f64 = StandardNormal.sample(stream);
+    if term.effect.is_resolution() {
+        // The encoder is the same in all trials.
+        return term.clone();
+    }
     let value = |(v, p): (&f64, &crate::world::mechanism::effect::JointParameter)| {
         let varied = p.neutral + (1.0 + SIZE_SD * z) * (v - p.neutral);
         if p.is_whole { *v } else { varied.clamp(p.bounds[0], p.bounds[1]) }

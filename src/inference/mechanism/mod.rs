@@ -10,6 +10,7 @@ mod linearization;
 mod model_fit;
 mod recording;
 mod report;
+mod resolution;
 mod search;
 
 use crate::error::Result;
@@ -46,6 +47,7 @@ pub fn diagnose_joints(
     let context = search::context(&recording, progress)?;
     let found = search::search(&context, max_effects)?;
     progress.report("comparing sets of effects", 0, 1)?;
+    let (context, found) = search::refine(&context, found)?;
     let decision = decide(&context, &found, seed)?;
     Ok(report::build(scene, &recording, &found, &decision, seed))
 }

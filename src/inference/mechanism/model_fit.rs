@@ -27,6 +27,8 @@ const MAX_STATE_STEPS: usize = 12;
 const MAX_STATE_UPDATES: usize = 3;
 const STATE_TOLERANCE: f64 = 1e-3;
 const STATE_STEP_SHRINKAGE: f64 = 0.3;
+/// Decrease of a segment's squares, in units of the noise, that a step of its states promises, from which they are searched.
+const STATE_PROMISE: f64 = 1.0;
 /// Squares of a segment, relative to the median, from which its states are searched anew.
 const OUTLIER_RATIO: f64 = 3.0;
 /// Maximum number of failures of such a step one after the other.
@@ -111,8 +113,7 @@ impl JointContext<'_, '_> {
         let (mut fraction, mut halvings) = (1.0, 0);
         for _ in 0..MAX_STEPS {
             let terms = self.stepped(&best, fraction);
-            let states = self.predicted_states(&best, &terms);
-            let candidate = self.evaluate(terms, states)?;
+            let candidate = self.evaluate_settled(terms.clone(), self.predicted_states(&best, &terms))?;
             match candidate.filter(|c| c.log_posterior > best.log_posterior) {
                 Some(candidate) => {
                     let gained = candidate.log_posterior - best.log_posterior;
@@ -127,6 +128,32 @@ impl JointContext<'_, '_> {
             }
         }
         Ok(best)
+    }
+
+    /// Evaluates terms with the initial states that fit best, from states near them. Segments that leave the linearization soon, as
+    /// where a joint sticks and slips, promise by it more than their states can reach: these are searched.
+    fn evaluate_settled(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointIterate>> {
+        let Some(first) = self.evaluate(terms, states)? else { return Ok(None) };
+        let promise = |(w, own): (usize, &JointLinearization)| {
+            let segment = &self.recording.segments[w];
+            let (nuisances, _) = orthonormalise(&self.recording.white(segment, &own.nuisances));
+            nuisances.tr_mul(&self.recording.white_column(segment, &own.residual)).norm_squared()
+        };
+        let promises = first.linearizations.iter().enumerate().map(promise);
+        let unsettled: Vec<usize> =
+            promises.enumerate().filter(|(_, promise)| *promise > STATE_PROMISE).map(|(w, _)| w).collect();
+        if unsettled.is_empty() {
+            return Ok(Some(first));
+        }
+        let (found, squares) = self.settled(&first.terms, first.states.clone(), unsettled.clone())?;
+        let mut states = first.states;
+        for w in unsettled {
+            if !squares[w].is_finite() {
+                return Ok(None);
+            }
+            states[w].clone_from(&found[w]);
+        }
+        self.evaluate(first.terms, states)
     }
 
     /// Initial states that fit each segment best with other values of the parameters, by the linearization.

@@ -10,6 +10,7 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::resolution::{EncoderResolution, encoder_resolution};
 use crate::error::{Error, Result};
 use crate::inference::kernels;
 use crate::inference::statistics::median;
@@ -22,11 +23,13 @@ use crate::world::mechanism::{JointTerm, Tree, required_torques};
 const MIN_OBSERVATIONS: usize = 12;
 const MAX_ROWS: usize = 48;
 /// Duration of a segment, and of the window of a local polynomial, in typical oscillation periods.
-const SEGMENT_PERIODS: f64 = 1.0;
+const SEGMENT_PERIODS: f64 = 0.5;
 const WINDOW_PERIODS: f64 = 0.1;
 /// Half-width of the first window, observations, and the least one.
 const FIRST_HALF_WIDTH: usize = 5;
 const MIN_HALF_WIDTH: usize = 2;
+/// Standard deviation of a step of an initial state, in units of the range of positions and of the typical velocity.
+const STATE_PRIOR: f64 = 0.1;
 /// Length scale of the trial discrepancy as a share of a segment's duration.
 const GP_LENGTH_SHARE: f64 = 0.25;
 
@@ -41,6 +44,8 @@ pub struct JointRecording<'a> {
     pub noise: Vec<f64>,
     /// By joint.
     pub scales: Vec<JointScales>,
+    /// By joint, unless the scene has it.
+    pub resolutions: Vec<Option<EncoderResolution>>,
 }
 
 /// A part of a trial with its own initial state.
@@ -75,6 +80,7 @@ impl JointScales {
             JointScale::Absolute => 1.0,
             JointScale::Torque => self.torque,
             JointScale::TorquePerVelocity => self.torque / self.velocity,
+            JointScale::PerTorque => 1.0 / self.torque,
             JointScale::Velocity => self.velocity,
             JointScale::Mass => self.mass,
             JointScale::Length => self.length,
@@ -113,9 +119,12 @@ impl<'a> JointRecording<'a> {
             let value = "trials with too few rows";
             return Err(Error::input("trials", value, format!("trials of {MIN_OBSERVATIONS} rows or more")));
         }
-        let noise = (0..joints).map(|j| noise_sd(trials, j)).collect();
+        let noise: Vec<f64> = (0..joints).map(|j| noise_sd(trials, j)).collect();
         let scales = joint_scales(tree, trials, &segments)?;
-        Ok(JointRecording { tree, scene_terms, trials, segments, noise, scales })
+        let is_known = |j: usize| scene_terms.iter().any(|t| t.joint == j && t.effect.is_resolution());
+        let resolution = |j: usize| encoder_resolution(trials, j, noise[j]).filter(|_| !is_known(j));
+        let resolutions = (0..joints).map(resolution).collect();
+        Ok(JointRecording { tree, scene_terms, trials, segments, noise, scales, resolutions })
     }
 
     /// Initial states of all segments from the local polynomials: positions, then velocities.
@@ -144,15 +153,23 @@ impl<'a> JointRecording<'a> {
             .into_owned()
     }
 
-    /// The step of a segment's initial state that fits a residual in white coordinates best.
+    /// The step of a segment's initial state that fits a residual in white coordinates best. A weak prior holds what does not
+    /// show, such as the velocity of a joint that sticks.
     pub fn state_step(
         &self,
         segment: &JointSegment,
         nuisances: &DMatrix<f64>,
         residual: &DVector<f64>,
     ) -> DVector<f64> {
-        let solved = self.white(segment, nuisances).svd(true, true).solve(residual, 1e-12);
-        solved.unwrap_or_else(|_| DVector::zeros(nuisances.ncols()))
+        let (positions, velocities) =
+            (self.scales.iter().map(|s| s.range), self.scales.iter().map(|s| s.velocity));
+        let mut sizes = positions.chain(velocities).map(|scale| STATE_PRIOR * scale);
+        let white = self.white(segment, nuisances);
+        let sizes = DVector::from_fn(white.ncols(), |_, _| sizes.next().unwrap_or(1.0));
+        let scaled = white * DMatrix::from_diagonal(&sizes);
+        let gram = scaled.tr_mul(&scaled) + DMatrix::identity(sizes.len(), sizes.len());
+        let solved = gram.cholesky().map(|factor| factor.solve(&scaled.tr_mul(residual)));
+        solved.map_or_else(|| DVector::zeros(sizes.len()), |step| step.component_mul(&sizes))
     }
 
     /// Variances of the unit trial discrepancy in white coordinates.

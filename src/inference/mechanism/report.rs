@@ -6,11 +6,13 @@ use super::decision::JointDecision;
 use super::linearization::slots;
 use super::model_fit::JointFit;
 use super::recording::JointRecording;
+use super::resolution::EncoderResolution;
 use super::search::JointSearch;
 use crate::inference::report::Verdict;
 use crate::task::Scene;
 use crate::task::joint::JointKind;
 use crate::task::scene::EffectTerm;
+use crate::world::mechanism::effect::REGISTRY;
 
 /// Half width of a 95 % and of a 90 % interval, standard deviations.
 const WIDTH_95: f64 = 1.96;
@@ -87,15 +89,29 @@ pub fn build(
     decision: &JointDecision,
     seed: u64,
 ) -> JointDiagnosis {
-    let inclusion = inclusion(recording, found, decision);
-    let effects = decision
+    let mut inclusion = inclusion(recording, found, decision);
+    let mut effects = decision
         .rivals
         .first()
         .map_or(Vec::new(), |best| estimates(recording, &found.fits[*best], &inclusion));
     let names = |fit: &JointFit| {
         fit.terms.iter().map(|t| name(recording, t.effect.name, t.joint)).collect::<Vec<String>>()
     };
-    let rivals: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
+    let mut rivals: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
+    let (mut verdict, mut none_probability) = (decision.verdict, decision.base_probability);
+    let resolutions = resolutions(recording);
+    if !resolutions.is_empty() {
+        none_probability = 0.0;
+        if verdict == Verdict::None {
+            (verdict, rivals) = (Verdict::Named, vec![Vec::new()]);
+        }
+        for own in resolutions {
+            let name = format!("{} ({})", own.name, own.acts_on);
+            rivals.iter_mut().for_each(|set| set.push(name.clone()));
+            inclusion.insert(0, (name, 1.0));
+            effects.push(own);
+        }
+    }
     let best = found.log_posterior.iter().copied().fold(found.base.log_evidence, f64::max);
     let mut scores: Vec<JointSetScore> = found
         .ranked(|_| true)
@@ -121,13 +137,13 @@ pub fn build(
     }
     JointDiagnosis {
         format: "iplw.joint_diagnosis/1".into(),
-        verdict: decision.verdict,
-        reason: reason(decision, &rivals),
+        verdict,
+        reason: reason(verdict, decision, &rivals),
         effects,
         rivals,
         scores,
         inclusion: inclusion.into_iter().filter(|(_, p)| *p >= 0.01).collect(),
-        none_probability: decision.base_probability,
+        none_probability,
         explained_share: decision.explained.map(|(share, _)| share),
         explained_interval: decision.explained.map(|(_, interval)| interval),
         held_out_gain: decision.gain,
@@ -208,7 +224,30 @@ fn estimates(
     fit.terms.iter().enumerate().map(of).collect()
 }
 
-fn reason(decision: &JointDecision, sets: &[Vec<String>]) -> String {
+/// Resolutions of the encoders that the positions show.
+fn resolutions(recording: &JointRecording) -> Vec<JointEffectEstimate> {
+    let Some(effect) = REGISTRY.iter().find(|effect| effect.is_resolution()) else { return Vec::new() };
+    let of = |(joint, found): (usize, &Option<EncoderResolution>)| {
+        let EncoderResolution { step, sd } = (*found)?;
+        let declared = &effect.parameters[0];
+        Some(JointEffectEstimate {
+            name: effect.name.into(),
+            acts_on: recording.tree.names[joint].clone(),
+            equation: effect.equation.into(),
+            probability: 1.0,
+            parameters: vec![JointParameterEstimate {
+                name: declared.name.into(),
+                unit: unit(declared.unit, recording.tree.kinds[joint]),
+                value: step,
+                sd,
+                ci95: [step - WIDTH_95 * sd, step + WIDTH_95 * sd],
+            }],
+        })
+    };
+    recording.resolutions.iter().enumerate().filter_map(of).collect()
+}
+
+fn reason(verdict: Verdict, decision: &JointDecision, sets: &[Vec<String>]) -> String {
     let listed = || sets.iter().map(|set| set.join(" + ")).collect::<Vec<String>>().join(" | ");
     let share = decision.explained.map_or(String::new(), |(share, [low, high])| {
         format!(
@@ -218,7 +257,7 @@ fn reason(decision: &JointDecision, sets: &[Vec<String>]) -> String {
             100.0 * high
         )
     });
-    match decision.verdict {
+    match verdict {
         Verdict::None => format!(
             "The simulation agrees with the recording: probability {:.2} that nothing is missing.",
             decision.base_probability

@@ -19,6 +19,8 @@ const PARENTS: usize = 3;
 const EXTENSIONS: usize = 6;
 /// Starts of a set that are fitted.
 const MAX_STARTS: usize = 3;
+/// Log posterior below the most probable set within which sets are compared again, nats.
+const NEAR: f64 = 20.0;
 /// Effects of the richest model, in every joint that can have them.
 const RICHEST: [&str; 4] = ["viscous_friction", "coulomb_friction", "torque_offset", "motor_gain"];
 /// Plausible trial discrepancy as a share of the range of positions, and in units of the noise.
@@ -49,7 +51,10 @@ pub fn candidates(recording: &JointRecording) -> Vec<JointCandidate> {
             let known =
                 recording.scene_terms.iter().any(|t| t.joint == joint && t.effect.name == effect.name);
             let (driven, on_world) = (tree.motors[joint].is_some(), tree.parents[joint].is_none());
-            if known || !effect.fits(tree.kinds[joint], driven, on_world, has_gravity) {
+            if known
+                || effect.is_resolution()
+                || !effect.fits(tree.kinds[joint], driven, on_world, has_gravity)
+            {
                 continue;
             }
             let mut starts = vec![effect.neutral(joint)];
@@ -78,29 +83,74 @@ pub fn context<'a, 'b>(
     progress: &'b dyn Progress,
 ) -> Result<JointContext<'a, 'b>> {
     let components = VarianceComponents::initial(true);
-    let mut context = JointContext { recording, discrepancy: None, components, progress };
+    let plain = JointContext { recording, discrepancy: None, components, progress };
     let terms: Terms = candidates(recording)
         .into_iter()
         .filter(|c| RICHEST.contains(&c.starts[0].effect.name))
         .map(|c| c.starts[0].clone())
         .collect();
-    let richest = context.fit(terms, recording.initial_states())?.ok_or_else(not_simulable)?;
-    context.discrepancy = discrepancy(recording, &richest.terms, &richest.states);
-    let linearizations = recording.linearise(&richest.terms, &richest.states).ok_or_else(not_simulable)?;
-    let groups = context.groups(&richest.terms, &linearizations);
-    let prior = context.prior(&richest.terms);
-    let range = recording
-        .scales
-        .iter()
-        .zip(&recording.noise)
-        .map(|(s, noise)| s.range / noise)
-        .fold(f64::INFINITY, f64::min);
-    let slow = (DISCREPANCY_OF_RANGE * range).hypot(DISCREPANCY_OF_NOISE);
-    let broad = context.discrepancy.as_ref().map_or(1.0, |d| d.broad_ratio);
-    let best = |broad: f64| maximise_components(&groups, &prior, broad, slow, progress);
-    let (narrow, wide) = (best(1.0)?, best(broad)?);
-    context.components = if wide.0 > narrow.0 { wide.1 } else { narrow.1 };
-    Ok(context)
+    let richest = plain.fit(terms, recording.initial_states())?.ok_or_else(not_simulable)?;
+    plain.along(&richest)
+}
+
+impl<'a, 'b> JointContext<'a, 'b> {
+    /// The context with the components and the discrepancy along the paths of a fit.
+    fn along(&self, fit: &JointFit) -> Result<JointContext<'a, 'b>> {
+        let JointContext { recording, progress, .. } = *self;
+        let discrepancy = discrepancy(recording, &fit.terms, &fit.states);
+        let mut out = JointContext { discrepancy, components: self.components.clone(), ..*self };
+        let linearizations = recording.linearise(&fit.terms, &fit.states).ok_or_else(not_simulable)?;
+        let groups = out.groups(&fit.terms, &linearizations);
+        let prior = out.prior(&fit.terms);
+        let range = recording
+            .scales
+            .iter()
+            .zip(&recording.noise)
+            .map(|(s, noise)| s.range / noise)
+            .fold(f64::INFINITY, f64::min);
+        let slow = (DISCREPANCY_OF_RANGE * range).hypot(DISCREPANCY_OF_NOISE);
+        let broad = out.discrepancy.as_ref().map_or(1.0, |d| d.broad_ratio);
+        let best = |broad: f64| maximise_components(&groups, &prior, broad, slow, progress);
+        let (narrow, wide) = (best(1.0)?, best(broad)?);
+        out.components = if wide.0 > narrow.0 { wide.1 } else { narrow.1 };
+        Ok(out)
+    }
+}
+
+/// Compares the sets near the most probable one again, with the components and the discrepancy of that one: those of the richest model,
+/// which lacks most effects, are coarse. Other sets keep their distance to it.
+pub fn refine<'a, 'b>(
+    context: &JointContext<'a, 'b>,
+    found: JointSearch,
+) -> Result<(JointContext<'a, 'b>, JointSearch)> {
+    let before = found.best();
+    let best = found.ranked(|_| true).into_iter().find(|i| found.log_posterior[*i] >= before);
+    let context = context.along(best.map_or(&found.base, |i| &found.fits[i]))?;
+    let JointSearch { base, fits, log_posterior } = found;
+    let again = |fit: &JointFit| context.fit(fit.terms.clone(), fit.states.clone());
+    let refined: Vec<Result<Option<JointFit>>> = fits
+        .par_iter()
+        .zip(&log_posterior)
+        .map(|(fit, own)| if before - own < NEAR { again(fit) } else { Ok(None) })
+        .collect();
+    let base = again(&base)?.ok_or_else(not_simulable)?;
+    let mut out = JointSearch { base, fits: Vec::new(), log_posterior: Vec::new() };
+    let mut far = Vec::new();
+    for ((fit, own), refined) in fits.into_iter().zip(log_posterior).zip(refined) {
+        match refined? {
+            Some(fit) => {
+                out.log_posterior.push(fit.log_evidence + log_prior(fit.terms.len()));
+                out.fits.push(fit);
+            }
+            None => far.push((fit, own - before)),
+        }
+    }
+    let after = out.best();
+    for (fit, below) in far {
+        out.fits.push(fit);
+        out.log_posterior.push(after + below);
+    }
+    Ok((context, out))
 }
 
 /// Searches sets of up to `most` effects.

@@ -346,7 +346,7 @@ impl<'a> Observer<'a> {
             while let Some(time) = self.rollout.times.get(self.next[j]).filter(|time| **time - lag <= end) {
                 let (position, velocity) = at(j, time - lag);
                 let k = self.next[j];
-                self.motion.positions[j][k] = self.rollout.measured(j, position);
+                self.motion.positions[j][k] = self.rollout.measured(j, time - lag, [position, velocity]);
                 self.motion.velocities[j][k] = velocity;
                 self.next[j] += 1;
             }

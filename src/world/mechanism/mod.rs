@@ -21,6 +21,8 @@ pub use batch::simulate;
 pub use command::Commands;
 pub use dynamics::{RequiredTorques, required_torques};
 pub use effect::JointTerm;
-pub use rollout::{JointMotion, JointRollout, longest_delay, measured_position, scene_terms};
+pub use rollout::{
+    JointMotion, JointRollout, longest_delay, measured_position, rounded_position, scene_terms,
+};
 pub use torque_field::{FieldShape, TorqueField, TorqueFunction};
 pub use tree::{Link, Tree};

@@ -1,7 +1,9 @@
 //! Rollouts of mechanisms.
 
+use std::array;
+
 use super::command::Commands;
-use super::effect::{JointLaw, JointTerm, resolve};
+use super::effect::{JointLaw, JointState, JointTerm, resolve};
 use super::torque_field::TorqueField;
 use super::tree::{Link, Tree};
 use crate::error::{Error, Result};
@@ -26,12 +28,21 @@ pub struct JointRollout<'a> {
 /// Motion of the joints: by joint, one number per observed time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointMotion {
-    /// As measured: with effects of the encoder.
+    /// As measured: with effects of the encoder, not yet rounded to its resolution.
     pub positions: Vec<Vec<f64>>,
     /// Actual velocities.
     pub velocities: Vec<Vec<f64>>,
     /// Actual positions and velocities from which a rollout that starts at the last observed time continues.
     pub end: (Vec<f64>, Vec<f64>),
+}
+
+impl JointMotion {
+    /// Rounds measured positions to the resolution of the encoders.
+    pub fn round_positions(&mut self, terms: &[JointTerm]) {
+        for (joint, own) in self.positions.iter_mut().enumerate() {
+            own.iter_mut().for_each(|q| *q = rounded_position(terms, joint, *q));
+        }
+    }
 }
 
 impl JointRollout<'_> {
@@ -62,9 +73,22 @@ impl JointRollout<'_> {
         self.start - (0..self.tree.links.len()).map(|j| self.delays(j)[1]).fold(0.0, f64::max)
     }
 
-    /// Measured position for the actual one of a joint.
-    pub(super) fn measured(&self, joint: usize, position: f64) -> f64 {
-        measured_position(&self.terms, joint, position)
+    /// Measured position of a joint at its actual state at `time`, s. A command that begins then does not act yet.
+    pub(super) fn measured(&self, joint: usize, time: f64, [position, velocity]: [f64; 2]) -> f64 {
+        let mut state = JointState { position, velocity, drive: 0.0, max_torque: 0.0 };
+        if let Some(motor) = &self.tree.motors[joint] {
+            let end = time - self.delays(joint)[0];
+            let command = self.commands.mean(joint, [end - self.tree.time_step, end]);
+            state.drive = motor.torque(command, position, velocity);
+            state.max_torque = motor.max_torque;
+            for term in self.terms.iter().filter(|t| t.joint == joint) {
+                if let JointLaw::Drive(law) = term.effect.law {
+                    let values = array::from_fn(|k| term.values.get(k).copied().unwrap_or(0.0));
+                    state.drive = law.drive(&values, state);
+                }
+            }
+        }
+        measured_position(&self.terms, joint, state)
     }
 }
 
@@ -74,17 +98,29 @@ pub fn longest_delay<'a>(terms: impl IntoIterator<Item = &'a JointTerm>) -> f64 
     terms.into_iter().filter(own).map(|t| t.values[0]).sum()
 }
 
-/// Measured position for the actual one of a joint, with the encoder's effects among `terms`.
+/// Measured position at the actual state of a joint, with the encoder's effects among `terms`.
 pub fn measured_position<'a>(
+    terms: impl IntoIterator<Item = &'a JointTerm>,
+    joint: usize,
+    mut state: JointState,
+) -> f64 {
+    for term in terms.into_iter().filter(|t| t.joint == joint) {
+        if let JointLaw::Encoder(measure) = term.effect.law {
+            state.position = measure(&term.values, state);
+        }
+    }
+    state.position
+}
+
+/// A measured position, with its noise, rounded to the encoder's resolution.
+pub fn rounded_position<'a>(
     terms: impl IntoIterator<Item = &'a JointTerm>,
     joint: usize,
     position: f64,
 ) -> f64 {
-    let own = terms.into_iter().filter(|t| t.joint == joint);
-    own.fold(position, |q, term| match term.effect.law {
-        JointLaw::Encoder(measure) => measure(&term.values, q),
-        _ => q,
-    })
+    let own = |t: &&JointTerm| t.joint == joint && matches!(t.effect.law, JointLaw::Resolution);
+    let step = terms.into_iter().find(own).map_or(0.0, |t| t.values[0]);
+    if step > 0.0 { step * (position / step).round() } else { position }
 }
 
 /// The effects that a scene declares in its joints.

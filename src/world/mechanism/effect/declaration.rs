@@ -60,6 +60,8 @@ pub enum JointScale {
     Torque,
     /// Typical torque over typical velocity.
     TorquePerVelocity,
+    /// One over the typical torque.
+    PerTorque,
     /// Typical velocity.
     Velocity,
     /// Mass of the link.
@@ -84,8 +86,10 @@ pub enum JointLaw {
     Gravity(fn(&[f64], [f64; 2]) -> [f64; 2]),
     /// Delay of commands by the first value, s.
     CommandDelay,
-    /// Measured position for the actual one.
-    Encoder(fn(&[f64], f64) -> f64),
+    /// Measured position at a joint's actual state.
+    Encoder(fn(&[f64], JointState) -> f64),
+    /// Measured positions are whole multiples of the first value, after noise.
+    Resolution,
     /// Age of measured positions: the first value, s.
     EncoderLag,
 }
@@ -171,6 +175,11 @@ impl JointEffect {
             Applicability::Driven => is_driven,
             Applicability::Base => on_world && has_gravity,
         }
+    }
+
+    /// Whether it is the resolution of an encoder, which positions show whatever the motion.
+    pub fn is_resolution(&self) -> bool {
+        matches!(self.law, JointLaw::Resolution)
     }
 
     /// The term with neutral values.

@@ -9,6 +9,6 @@ pub static EFFECT: JointEffect = JointEffect {
     signature: "Measured equilibria are shifted in this joint alone.",
     equation: "q_measured = q + offset",
     parameters: &[parameter("offset", "rad", [-3.2, 3.2], 0.05, JointScale::Absolute)],
-    law: JointLaw::Encoder(|values, position| position + values[0]),
+    law: JointLaw::Encoder(|values, joint| joint.position + values[0]),
     applies_to: Applicability::Every,
 };

@@ -9,6 +9,6 @@ pub static EFFECT: JointEffect = JointEffect {
     signature: "Amplitudes are wrong and periods right.",
     equation: "q_measured = s q",
     parameters: &[factor([0.2, 5.0], 0.05)],
-    law: JointLaw::Encoder(|values, position| values[0] * position),
+    law: JointLaw::Encoder(|values, joint| values[0] * joint.position),
     applies_to: Applicability::Every,
 };

@@ -2,6 +2,7 @@
 //!
 //! A file declares the law, its parameters with units, bounds and plausible sizes, and how it shows in recordings.
 
+mod backlash;
 mod base_tilt;
 mod centre_shift;
 mod cogging;
@@ -10,8 +11,10 @@ mod coulomb_friction;
 mod declaration;
 mod encoder_lag;
 mod encoder_offset;
+mod encoder_resolution;
 mod encoder_scale;
 mod inertia_factor;
+mod joint_compliance;
 mod link_length;
 mod motor_gain;
 mod payload;
@@ -43,9 +46,12 @@ pub static REGISTRY: &[&JointEffect] = &[
     &centre_shift::EFFECT,
     &inertia_factor::EFFECT,
     &base_tilt::EFFECT,
+    &backlash::EFFECT,
+    &joint_compliance::EFFECT,
     &encoder_scale::EFFECT,
     &encoder_offset::EFFECT,
     &encoder_lag::EFFECT,
+    &encoder_resolution::EFFECT,
 ];
 
 /// The effect named `name`.

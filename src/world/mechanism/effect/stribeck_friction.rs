@@ -17,10 +17,13 @@ pub static EFFECT: JointEffect = JointEffect {
     signature: "Slow motion sticks and slips, fast motion is as without friction.",
     equation: "tau = -torque exp(-(v / velocity)^2) sign(v)",
     parameters: &[
-        parameter("torque", "N m", [0.0, 1e6], 0.2, JointScale::Torque),
+        JointParameter {
+            starts: &[0.0, 0.1, 0.3],
+            ..parameter("torque", "N m", [0.0, 1e6], 0.2, JointScale::Torque)
+        },
         JointParameter {
             neutral: 0.2,
-            starts: &[0.0],
+            starts: &[-0.1, 0.2],
             ..parameter("velocity", "rad/s", [0.02, 20.0], 0.2, JointScale::Absolute)
         },
     ],
