@@ -21,7 +21,8 @@ use super::{joints, output, track_options};
 /// extended_scene.json and figures.
 ///
 /// The scene may have joints and motors (iplw.scene/2): trials are then measured joint positions and commands, as CSV with the columns
-/// trial, t, every joint by its name, and JOINT.command for every motor; report.json and extended_scene.json are written.
+/// trial, t, every joint by its name, and JOINT.command for every motor; report.json, report.html, motion.svg and
+/// extended_scene.json are written.
 #[derive(clap::Args)]
 #[command(after_long_help = track_options::EXAMPLES)]
 pub struct Args {

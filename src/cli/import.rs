@@ -10,8 +10,8 @@ use super::output;
 /// Make a scene with joints from a robot file (MJCF or URDF).
 ///
 /// Reads a mechanism whose joints move in one plane: hinges with parallel axes, and slides across them. Masses, inertias, motors, damping,
-/// dry friction, springs and armatures become those of a scene (`iplw.scene/2`), which `iplw rollout` and `iplw diagnose` take. Prints
-/// what a scene cannot express, such as contacts and limits of joints.
+/// dry friction, limits, springs and armatures become those of a scene (`iplw.scene/2`), which `iplw rollout` and `iplw diagnose` take. Prints
+/// what a scene cannot express, such as contacts.
 #[derive(clap::Args)]
 pub struct Args {
     /// Robot file: MJCF (MuJoCo) or URDF.

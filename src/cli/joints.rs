@@ -7,6 +7,7 @@ use iplw::error::{Error, Result};
 use iplw::inference::mechanism::{JointDiagnosis, MAX_EFFECTS, diagnose_joints};
 use iplw::progress::Progress;
 use iplw::reality::{JointTrial, commands_from_csv, joint_trials_from_csv};
+use iplw::report::joint_diagnosis;
 use iplw::task::Scene;
 use iplw::world::mechanism::{Commands, JointRollout, Tree, scene_terms, simulate};
 use serde::Serialize;
@@ -59,7 +60,7 @@ pub fn rollout(scene: &Scene, commands: Option<&str>) -> Result<JointRecord> {
     Ok(JointRecord { joints: joints.collect(), t: times, engine: "mechanism" })
 }
 
-/// Diagnoses a scene with joints and writes report.json and extended_scene.json.
+/// Diagnoses a scene with joints and writes report.json, report.html, motion.svg and extended_scene.json.
 pub fn diagnose(scene: &Scene, files: &[(PathBuf, String)], seed: u64, out: &Path) -> Result<()> {
     let trials = files
         .iter()
@@ -76,6 +77,9 @@ pub fn diagnose(scene: &Scene, files: &[(PathBuf, String)], seed: u64, out: &Pat
         &out.join("extended_scene.json"),
         (found.extended_scene.to_json() + "\n").as_bytes(),
     )?;
+    output::write_whole(&out.join("motion.svg"), joint_diagnosis::figure(&found).as_bytes())?;
+    let page = joint_diagnosis::report(&found).to_html();
+    output::write_whole(&out.join("report.html"), page.as_bytes())?;
     output::print(&summary(&found, out))
 }
 
@@ -95,5 +99,5 @@ fn summary(found: &JointDiagnosis, out: &Path) -> String {
     if let Some(gain) = found.held_out_gain {
         text += &format!("held-out trials: {:.0} % of the excess squared error removed\n", 100.0 * gain);
     }
-    text + &format!("{}: report.json, extended_scene.json\n", out.display())
+    text + &format!("{}: report.html, report.json, motion.svg, extended_scene.json\n", out.display())
 }

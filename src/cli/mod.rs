@@ -11,6 +11,7 @@ mod diagnose;
 mod documentation;
 mod effects;
 mod estimate;
+mod excite;
 mod experiment;
 mod import;
 mod joint_arrays;
@@ -73,6 +74,7 @@ enum Command {
     Diagnose(ComputeArgs<diagnose::Args>),
     Posterior(ComputeArgs<posterior::Args>),
     Design(ComputeArgs<design::Args>),
+    Excite(ComputeArgs<excite::Args>),
     Train(ComputeArgs<train::TrainArgs>),
     Evaluate(ComputeArgs<train::EvaluateArgs>),
     Plan(ComputeArgs<plan::Args>),
@@ -127,6 +129,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => args.run(diagnose::run),
         Command::Posterior(args) => args.run(posterior::run),
         Command::Design(args) => args.run(design::run),
+        Command::Excite(args) => args.run(excite::run),
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
         Command::Plan(args) => args.run(plan::run),

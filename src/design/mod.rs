@@ -28,10 +28,12 @@
 //! | `posterior_sd` | expected posterior standard deviations of parameters |
 //! | `search` | the design: candidates, screening, shortlist, batch |
 //! | `document` | `iplw.design/1` |
+//! | `excitation` | commands of motors that tell effects in joints apart |
 
 mod config;
 mod costs;
 mod document;
+mod excitation;
 mod gain;
 mod likelihood;
 mod posterior_sd;
@@ -45,6 +47,9 @@ mod worlds;
 pub use config::DesignConfig;
 pub use costs::{Costs, rounded as rounded_cost};
 pub use document::{DESIGN_FORMAT, DesignDocument, ExperimentRow, document};
+pub use excitation::{
+    EXCITATION_FORMAT, Excitation, ExcitationConfig, ExcitationDesign, ExcitationGoal, design_excitations,
+};
 pub use gain::{AnswerPartition, InformationGain, information_gain};
 pub use posterior_sd::ExpectedSd;
 pub use question::Question;

@@ -84,6 +84,7 @@ impl Mechanism {
             velocity: 0.0,
             armature: 0.0,
             spring: None,
+            limits: None,
             effects: Vec::new(),
         };
         let motor = |joint: &str, max_torque: f64| Motor {

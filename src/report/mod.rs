@@ -2,6 +2,7 @@
 //!
 //! | file | contents |
 //! |---|---|
+//! | `joint_diagnosis` | the same of a mechanism: verdict, laws, joint positions, probabilities |
 //! | `diagnosis` | verdict, law, overlay, error and next step, then the evidence |
 //! | `estimation`, `posterior`, `plan`, `design`, `surface` | the results of these kinds of jobs |
 //! | `learning` | trainings and evaluations |
@@ -12,6 +13,7 @@ pub mod design;
 pub mod diagnosis;
 pub mod estimation;
 mod general;
+pub mod joint_diagnosis;
 mod learning;
 pub mod plan;
 pub mod posterior;
@@ -46,6 +48,9 @@ pub struct JobResult<'a> {
 /// The report of a job's result. Fails if an earlier version wrote the result in another form.
 pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
     let mut report = match (job.kind, job.surface) {
+        ("diagnose", _) if job.result["extended_scene"]["joints"].is_array() => {
+            joint_diagnosis::report(&parsed(job.result)?)
+        }
         ("diagnose", _) => {
             let document: DiagnosisDocument = parsed(job.result)?;
             diagnosis::report(&document, &diagnosis::figures(&document), job.version)

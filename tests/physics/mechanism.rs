@@ -245,3 +245,30 @@ fn mechanisms_have_the_same_bits_in_any_batch() {
         assert_eq!(pool.install(|| simulate(&rollouts)), alone);
     }
 }
+
+/// A rod that falls on a stop: energy never grows beyond what the method loses, and it comes to rest where the stop carries its weight.
+#[test]
+fn a_stop_holds_a_pendulum_where_statics_says() {
+    let mut scene = pendulum(1.2, json!([]));
+    let limits = json!({"low": 0.5, "high": 2.0});
+    scene.joints[0].limits = Some(serde_json::from_value(limits).unwrap());
+    let times: Vec<f64> = (0..=30_000).map(|i| f64::from(i) * 1e-3).collect();
+    let motion = run(&scene, &Commands::default(), &times);
+    let stop = Tree::of(&scene).unwrap().stops[0].unwrap();
+    let energy = |i: usize| {
+        let (q, v) = (motion.positions[0][i], motion.velocities[0][i]);
+        let depth = (stop.low - q).max(0.0);
+        v * v / 6.0 - 9.81 * 0.5 * q.cos() + 0.5 * stop.stiffness * depth * depth
+    };
+    let mut most = energy(0);
+    for i in 1..times.len() {
+        // The method loses its order where the rod meets the stop.
+        assert!(energy(i) <= most + 5e-5, "{} s: {} after {most}", times[i], energy(i));
+        most = most.min(energy(i));
+    }
+    assert!(motion.positions[0].iter().all(|q| *q > 0.47), "it goes through the stop");
+    let q = *motion.positions[0].last().unwrap();
+    // stiffness (low - q) = m g L / 2 sin q
+    let off = stop.stiffness * (stop.low - q) - 9.81 * 0.5 * q.sin();
+    assert!(off.abs() < 1e-3 * 9.81 * 0.5, "{q}: {off} N m are missing");
+}

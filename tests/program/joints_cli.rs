@@ -59,6 +59,54 @@ fn invalid_joints_are_named() {
     refused(&|s| s["format"] = "iplw.scene/1 for iplw.scene/2".into(), "format");
 }
 
+/// Designed commands stay within the motor's limit, drive a rollout, and are the same bits for the same seed.
+#[test]
+fn designs_excitations() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scene.json"), scene().to_string()).unwrap();
+    std::fs::write(folder.path().join("scene.jsonl"), scene().to_string()).unwrap();
+    let report = json!({"rivals": [["viscous_friction (hinge)"], ["coulomb_friction (hinge)"]]}).to_string();
+    std::fs::write(folder.path().join("report.json"), report).unwrap();
+    let arguments = [
+        "excite",
+        "--scene",
+        "scene.json",
+        "--report",
+        "report.json",
+        "--trials",
+        "2",
+        "--duration",
+        "1",
+        "--out",
+    ];
+    let run = |more: &[&str]| iplw(&[&arguments, more].concat(), folder.path());
+    for out in ["next", "again"] {
+        let out = run(&[out]);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    }
+    let read = |path: &str| std::fs::read_to_string(folder.path().join(path)).unwrap();
+    assert_eq!(read("next/design.json"), read("again/design.json"));
+    let design: Value = serde_json::from_str(&read("next/design.json")).unwrap();
+    assert_eq!(design["excitations"].as_array().unwrap().len(), 2);
+    assert!(design["excitations"][1]["score"].as_f64() >= design["excitations"][0]["score"].as_f64());
+    let commands = read("next/commands-2.csv");
+    let numbers =
+        commands.lines().skip(1).map(|line| line.split_once(',').unwrap().1.parse::<f64>().unwrap());
+    assert!(numbers.clone().count() == 101 && numbers.clone().all(|tau| tau.abs() <= 4.5));
+    let out = iplw(&["rollout", "--in", "scene.jsonl", "--commands", "next/commands-1.csv"], folder.path());
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    for (more, reason) in [
+        (vec!["never", "--position", "knee=-1..1"], "knee"),
+        (vec!["never", "--position", "hinge=1"], "hinge=-0.5..0.5"),
+        (vec!["never", "--duration", "0"], "--duration"),
+        (vec!["never", "--max-velocity", "0.000001"], "within"),
+    ] {
+        let out = run(&more);
+        let error = String::from_utf8_lossy(&out.stderr);
+        assert!(out.status.code() == Some(2) && error.contains(reason), "{error} lacks {reason}");
+    }
+}
+
 /// A recording as a file gives the report of the library.
 #[test]
 fn diagnoses_a_recording_of_joints() {
@@ -83,6 +131,12 @@ fn diagnoses_a_recording_of_joints() {
     assert_eq!(report, serde_json::to_value(&wanted).unwrap());
     assert_eq!(report["verdict"], "named", "{}", report["reason"]);
     assert_eq!(report["effects"][0]["name"], "viscous_friction");
+    let page = std::fs::read_to_string(folder.path().join("report/report.html")).unwrap();
+    for text in
+        ["The simulation lacks viscous friction in hinge", "tau = -b v", "hinge: measured minus simulated"]
+    {
+        assert!(page.contains(text), "{text} is missing");
+    }
     let extended = std::fs::read_to_string(folder.path().join("report/extended_scene.json")).unwrap();
     assert!(extended.contains("viscous_friction"));
     let last = world.trials[5].times.last().unwrap();

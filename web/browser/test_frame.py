@@ -68,7 +68,7 @@ def test_a_spent_budget_is_reported(serve: Callable[..., Any], new_page: Callabl
 def test_the_views_are_grouped_in_one_row(serve: Callable[..., Any], new_page: Callable[..., Any]) -> None:
     page = new_page(serve()).open("#/jobs")
     nav = page.get_by_role("navigation", name="Views")
-    expect(nav.get_by_role("link")).to_have_count(11)
+    expect(nav.get_by_role("link")).to_have_count(12)
     expect(nav.get_by_role("list", name="Decide").get_by_role("link")).to_have_text(["Plan", "Design", "Surface"])
     expect(nav.get_by_role("link", name="Jobs")).to_have_attribute("aria-current", "page")
     expect(page.get_by_role("button", name="Menu")).to_be_hidden()
@@ -83,7 +83,7 @@ def test_on_a_phone_a_button_unfolds_the_views(serve: Callable[..., Any], new_pa
     expect(nav).to_be_hidden()
     menu.click()
     expect(menu).to_have_attribute("aria-expanded", "true")
-    expect(nav.get_by_role("link")).to_have_count(11)
+    expect(nav.get_by_role("link")).to_have_count(12)
     page.keyboard.press("Escape")
     expect(nav).to_be_hidden()
     expect(menu).to_be_focused()

@@ -4,6 +4,7 @@ import { calibrate } from "./views/calibrate";
 import { design } from "./views/design";
 import { diagnose } from "./views/diagnose";
 import { jobs } from "./views/jobs";
+import { joints } from "./views/joints";
 import { live } from "./views/live";
 import { make } from "./views/make";
 import { plan } from "./views/plan";
@@ -15,7 +16,7 @@ import type { ViewGroup } from "./view";
 
 export const VIEW_GROUPS: readonly ViewGroup[] = [
   { title: "World", views: [play, make] },
-  { title: "Data", views: [calibrate, diagnose, posterior] },
+  { title: "Data", views: [calibrate, diagnose, joints, posterior] },
   { title: "Decide", views: [plan, design, surface] },
   { title: "Learn", views: [train, live] },
   { title: "Server", views: [jobs] },

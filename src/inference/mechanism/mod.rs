@@ -4,8 +4,10 @@
 //! segments of each trial have their own initial states (`recording`); F is a torque field (`discrepancy`). Groups, variance
 //! components, evidence and rules of the verdict are those of `mixed_model` and `selection`.
 
+mod curves;
 mod decision;
 mod discrepancy;
+mod information;
 mod linearization;
 mod model_fit;
 mod recording;
@@ -18,9 +20,11 @@ use crate::progress::Progress;
 use crate::reality::JointTrial;
 use crate::task::Scene;
 use crate::world::mechanism::{Tree, scene_terms};
+pub use curves::{JointCurve, JointCurves};
 use decision::decide;
+pub use information::{ExcitationInformation, information};
 use recording::JointRecording;
-pub use report::{JointDiagnosis, JointEffectEstimate, JointParameterEstimate};
+pub use report::{JointDiagnosis, JointEffectEstimate, JointParameterEstimate, JointSetScore};
 
 /// Maximum number of effects in a set, by default.
 pub const MAX_EFFECTS: usize = 3;

@@ -1,7 +1,8 @@
 //! Report of a diagnosis of joints.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+use super::curves::{JointCurves, worst_trial};
 use super::decision::JointDecision;
 use super::linearization::slots;
 use super::model_fit::JointFit;
@@ -18,7 +19,7 @@ use crate::world::mechanism::effect::REGISTRY;
 const WIDTH_95: f64 = 1.96;
 
 /// Errors of a simulation of a mechanism.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointDiagnosis {
     pub format: String,
     pub verdict: Verdict,
@@ -44,12 +45,14 @@ pub struct JointDiagnosis {
     pub segments: usize,
     pub seed: u64,
     pub version: String,
+    /// Positions in the trial that the simulation predicts worst.
+    pub curves: JointCurves,
     /// The scene with the effects in its joints.
     pub extended_scene: Scene,
 }
 
 /// A fitted set of effects.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointSetScore {
     /// Effect and joint of each; empty for the given simulation.
     pub effects: Vec<String>,
@@ -59,7 +62,7 @@ pub struct JointSetScore {
 }
 
 /// An effect in a joint.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointEffectEstimate {
     pub name: String,
     /// The joint.
@@ -71,7 +74,7 @@ pub struct JointEffectEstimate {
 }
 
 /// A parameter with its uncertainty.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointParameterEstimate {
     pub name: String,
     pub unit: String,
@@ -99,18 +102,15 @@ pub fn build(
     };
     let mut rivals: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
     let (mut verdict, mut none_probability) = (decision.verdict, decision.base_probability);
-    let resolutions = resolutions(recording);
-    if !resolutions.is_empty() {
+    for own in resolutions(recording) {
         none_probability = 0.0;
         if verdict == Verdict::None {
             (verdict, rivals) = (Verdict::Named, vec![Vec::new()]);
         }
-        for own in resolutions {
-            let name = format!("{} ({})", own.name, own.acts_on);
-            rivals.iter_mut().for_each(|set| set.push(name.clone()));
-            inclusion.insert(0, (name, 1.0));
-            effects.push(own);
-        }
+        let name = format!("{} ({})", own.name, own.acts_on);
+        rivals.iter_mut().for_each(|set| set.push(name.clone()));
+        inclusion.insert(0, (name, 1.0));
+        effects.push(own);
     }
     let best = found.log_posterior.iter().copied().fold(found.base.log_evidence, f64::max);
     let mut scores: Vec<JointSetScore> = found
@@ -128,18 +128,10 @@ pub fn build(
         probability: decision.base_probability,
     };
     scores.insert(scores.partition_point(|s| s.score > base.score), base);
-    let mut extended_scene = scene.clone();
-    for effect in &effects {
-        let joint = extended_scene.joints.iter_mut().find(|joint| joint.name == effect.acts_on);
-        let parameters: Vec<(&str, f64)> =
-            effect.parameters.iter().map(|p| (p.name.as_str(), p.value)).collect();
-        joint.into_iter().for_each(|joint| joint.effects.push(EffectTerm::new(&effect.name, &parameters)));
-    }
     JointDiagnosis {
         format: "iplw.joint_diagnosis/1".into(),
         verdict,
         reason: reason(verdict, decision, &rivals),
-        effects,
         rivals,
         scores,
         inclusion: inclusion.into_iter().filter(|(_, p)| *p >= 0.01).collect(),
@@ -152,8 +144,22 @@ pub fn build(
         segments: recording.segments.len(),
         seed,
         version: env!("CARGO_PKG_VERSION").into(),
-        extended_scene,
+        curves: worst_trial(recording, &found.base, decision.rivals.first().map(|i| &found.fits[*i])),
+        extended_scene: extended(scene, &effects),
+        effects,
     }
+}
+
+/// The scene with effects in its joints.
+fn extended(scene: &Scene, effects: &[JointEffectEstimate]) -> Scene {
+    let mut extended_scene = scene.clone();
+    for effect in effects {
+        let joint = extended_scene.joints.iter_mut().find(|joint| joint.name == effect.acts_on);
+        let parameters: Vec<(&str, f64)> =
+            effect.parameters.iter().map(|p| (p.name.as_str(), p.value)).collect();
+        joint.into_iter().for_each(|joint| joint.effects.push(EffectTerm::new(&effect.name, &parameters)));
+    }
+    extended_scene
 }
 
 /// A unit of a revolute joint, for a joint of this kind.

@@ -87,7 +87,9 @@ fn begin_joints(
     let estimate = mechanism::memory(rows, scene.joints.len());
     app.shared().limits().request_limits().check_memory(estimate, FEWER_TRIALS)?;
     let seed = request.seed.unwrap_or(0);
-    let config = json!({ "job": null, "scene": scene.name, "trials": trials.len(), "seed": seed });
+    let joints = scene.joints.len();
+    let config =
+        json!({ "job": null, "scene": scene.name, "joints": joints, "trials": trials.len(), "seed": seed });
     let plan = DiagnosisInput { scene: scene.to_json(), trials: file.clone(), seed };
     submit(app, KIND, &config, &plan, seed, keep)
 }

@@ -260,10 +260,14 @@ impl<'a> MjcfReader<'a> {
             }
         };
         let unit = if is_slide { 1.0 } else { self.angle };
-        if own.text("range").is_some() && own.text("limited") != Some("false") {
-            self.model.left_out.push(format!("The limits of {name} are left out: joints move freely."));
-        }
-        if own.number("ref", 0.0)? != 0.0 {
+        let reference = own.number("ref", 0.0)?;
+        let limits = match own.numbers("range")?[..] {
+            [low, high] if own.text("limited") != Some("false") && low < high => {
+                Some([low, high].map(|end| unit * (end - reference)))
+            }
+            _ => None,
+        };
+        if reference != 0.0 {
             self.model.left_out.push(format!("Positions of {name} are relative to its `ref`."));
         }
         let axis = own.text("axis").map_or(Ok(Vector3::z()), |text| direction(&own.tag, "axis", text))?;
@@ -276,7 +280,8 @@ impl<'a> MjcfReader<'a> {
             friction: own.number("frictionloss", 0.0)?,
             armature: own.number("armature", 0.0)?,
             stiffness: own.number("stiffness", 0.0)?,
-            rest: unit * (own.number("springref", 0.0)? - own.number("ref", 0.0)?),
+            rest: unit * (own.number("springref", 0.0)? - reference),
+            limits,
             name,
         })
     }

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::spatial::{SpatialInertia, SpatialJoint, SpatialLink, SpatialModel};
 use crate::error::{Error, Result};
 use crate::task::body::{Body, Inertia};
-use crate::task::joint::{Joint, JointKind, Motor, Spring};
+use crate::task::joint::{DEFAULT_STOP_DAMPING, Joint, JointKind, JointLimits, Motor, Spring};
 use crate::task::scene::{EffectTerm, JOINT_FORMAT, Scene};
 use crate::task::shape::{Disc, Rectangle, Shape};
 
@@ -186,6 +186,10 @@ fn planar_joint(
         position: 0.0,
         velocity: 0.0,
         armature: joint.armature,
+        limits: joint.limits.map(|[low, high]| {
+            let [low, high] = if sign > 0.0 { [low, high] } else { [-high, -low] };
+            JointLimits { low, high, stiffness: None, damping: DEFAULT_STOP_DAMPING }
+        }),
         spring: (joint.stiffness > 0.0).then_some(Spring {
             stiffness: joint.stiffness,
             damping: 0.0,

@@ -60,6 +60,8 @@ pub struct SpatialJoint {
     pub armature: f64,
     pub stiffness: f64,
     pub rest: f64,
+    /// Lowest and highest position, rad or m.
+    pub limits: Option<[f64; 2]>,
 }
 
 /// A motor on a joint.

@@ -100,9 +100,8 @@ fn read_joint(node: Node, frame: &Isometry3<f64>, model: &mut SpatialModel) -> R
         Some(text) => direction(&name, "axis", text)?,
         None => Vector3::x(),
     };
-    if node.attribute("type") != Some("continuous") && children(node, "limit").next().is_some() {
-        model.left_out.push(format!("The limits of {name} are left out: joints move freely."));
-    }
+    let ends = [attribute("limit", "lower")?, attribute("limit", "upper")?];
+    let is_limited = node.attribute("type") != Some("continuous") && ends[0] < ends[1];
     let effort = attribute("limit", "effort")?;
     model.motors.push(SpatialMotor {
         joint: name.clone(),
@@ -120,6 +119,7 @@ fn read_joint(node: Node, frame: &Isometry3<f64>, model: &mut SpatialModel) -> R
         armature: 0.0,
         stiffness: 0.0,
         rest: 0.0,
+        limits: is_limited.then_some(ends),
         name,
     }))
 }

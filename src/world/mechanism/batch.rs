@@ -16,6 +16,7 @@ use super::command::{CommandCursor, Commands};
 use super::dynamics::{IDLE_LINK, JointValues, LARGE, LinkLanes, NONE, TreeLanes, accelerations};
 use super::effect::{DriveLaw, JointLanes, JointLaw, JointTerm, LawValues, MAX_PARAMETERS, TorqueLaw};
 use super::rollout::{JointMotion, JointRollout};
+use super::tree::Tree;
 use crate::task::joint::Control;
 use crate::world::effect::LANES;
 
@@ -199,10 +200,7 @@ impl<'a> Batch<'a> {
                 };
                 drive = free.below(Wide::all(motor.max_torque)).above(Wide::all(-motor.max_torque));
             }
-            let passive = tree.springs[j].map(|spring| {
-                let off = q[j] - Wide::all(spring.rest);
-                Wide::all(-spring.stiffness) * off - Wide::all(spring.damping) * v[j]
-            });
+            let passive = passive_torque(tree, j, q[j], v[j]);
             if laws.torques.is_empty() && laws.drives.is_empty() && !self.has_field {
                 out[j] = passive.map_or(drive, |passive| drive + passive);
                 continue;
@@ -237,6 +235,27 @@ impl<'a> Batch<'a> {
         }
         total
     }
+}
+
+/// Torque of a joint's spring and stops; `None` without them.
+#[inline(always)]
+fn passive_torque<R: Register, const N: usize>(
+    tree: &Tree,
+    j: usize,
+    q: Wide<R, N>,
+    v: Wide<R, N>,
+) -> Option<Wide<R, N>> {
+    let spring = tree.springs[j].map(|spring| {
+        let off = q - Wide::all(spring.rest);
+        Wide::all(-spring.stiffness) * off - Wide::all(spring.damping) * v
+    });
+    let Some(stop) = &tree.stops[j] else { return spring };
+    let (zero, one) = (Wide::all(0.0), Wide::all(1.0));
+    let (stiffness, rate) = (Wide::all(stop.stiffness), Wide::all(stop.damping) * v);
+    let above = (q - Wide::all(stop.high)).above(zero) * (one + rate).above(zero);
+    let below = (Wide::all(stop.low) - q).above(zero) * (one - rate).above(zero);
+    let push = stiffness * (below - above);
+    Some(spring.map_or(push, |spring| spring + push))
 }
 
 impl JointLaws {

@@ -25,4 +25,4 @@ pub use rollout::{
     JointMotion, JointRollout, longest_delay, measured_position, rounded_position, scene_terms,
 };
 pub use torque_field::{FieldShape, TorqueField, TorqueFunction};
-pub use tree::{Link, Tree};
+pub use tree::{JointStop, Link, Tree};

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::task::Scene;
-use crate::task::joint::{Joint, JointKind, Motor, Spring};
+use crate::task::joint::{Joint, JointKind, JointLimits, Motor, Spring};
 
 /// A tree of links, parents first. All frames have the world's directions in the scene's configuration.
 #[derive(Clone, Debug)]
@@ -15,6 +15,7 @@ pub struct Tree {
     pub links: Vec<Link>,
     pub motors: Vec<Option<Motor>>,
     pub springs: Vec<Option<Spring>>,
+    pub stops: Vec<Option<JointStop>>,
     /// m/s^2
     pub gravity: [f64; 2],
     /// s
@@ -22,6 +23,34 @@ pub struct Tree {
     /// Initial positions and velocities of the joints.
     pub position: Vec<f64>,
     pub velocity: Vec<f64>,
+}
+
+/// Stops of a joint: see [`JointLimits`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointStop {
+    /// rad
+    pub low: f64,
+    pub high: f64,
+    /// N m/rad
+    pub stiffness: f64,
+    /// s/rad
+    pub damping: f64,
+}
+
+/// Phase of a link alone on a stop of default stiffness in a time step, rad.
+const STOP_PHASE: f64 = 0.2;
+
+impl JointStop {
+    fn new(limits: &JointLimits, link: &Link, kind: JointKind, time_step: f64) -> JointStop {
+        let [x, y] = link.centre;
+        let inertia = match kind {
+            JointKind::Revolute => link.inertia + link.mass * (x * x + y * y),
+            JointKind::Prismatic => link.mass,
+        };
+        let stiffest = (inertia + link.armature) * (STOP_PHASE / time_step).powi(2);
+        let JointLimits { low, high, stiffness, damping } = *limits;
+        JointStop { low, high, stiffness: stiffness.unwrap_or(stiffest), damping }
+    }
 }
 
 /// Geometry and inertia of a link. Its frame has its origin in its joint.
@@ -58,8 +87,13 @@ impl Tree {
         let anchor = |parent: Option<usize>| parent.map_or([0.0; 2], |p| ordered[p].anchor);
         let parents: Vec<Option<usize>> = ordered.iter().map(|j| j.parent.as_ref().and_then(index)).collect();
         let links = ordered.iter().zip(&parents).map(|(joint, parent)| link(scene, joint, anchor(*parent)));
+        let links = links.collect::<Result<Vec<Link>>>()?;
+        let stop = |(joint, link): (&&Joint, &Link)| {
+            joint.limits.map(|limits| JointStop::new(&limits, link, joint.kind, scene.time_step))
+        };
         Ok(Tree {
-            links: links.collect::<Result<Vec<Link>>>()?,
+            stops: ordered.iter().zip(&links).map(stop).collect(),
+            links,
             names: ordered.iter().map(|j| j.name.clone()).collect(),
             kinds: ordered.iter().map(|j| j.kind).collect(),
             motors: ordered

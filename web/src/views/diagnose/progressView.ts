@@ -16,6 +16,8 @@ export async function progressView(place: HTMLElement, id: string, context: Cont
   const { signal } = context;
   const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
   if (job.kind !== "diagnose") throw new Error(`${id} is not a diagnosis; see it under Jobs.`);
+  // Diagnoses of mechanisms have a view of their own.
+  if ("joints" in job.config) return location.replace(link("joints", [id]));
   const progress = h("div", { class: "stack" });
   const tracks = h("section", { class: "card stack submitted", "aria-label": "Trials" }, h("p", { class: "soft" }, "Reading the trials…"));
   if (job.state !== "succeeded") {
