@@ -14,7 +14,6 @@ use iplw::progress::NoProgress;
 use iplw::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
 use iplw::rng::derive_seed;
 use iplw::world::mechanism::Tree;
-use iplw::world::mechanism::effect::{JointEffect, REGISTRY};
 
 /// Worlds without a hidden effect: one in so many.
 const NOTHING_HIDDEN_EVERY: u64 = 5;
@@ -29,7 +28,7 @@ fn main() -> Result<()> {
     let mut counts = Counts::default();
     for seed in first..first + worlds {
         let mechanism = only.unwrap_or(Mechanism::ALL[seed as usize % Mechanism::ALL.len()]);
-        let choices = choices(mechanism)?;
+        let choices = mechanism.effects()?;
         let draw = derive_seed(seed, "hidden effect", 0) as usize;
         let hidden = (!(seed / Mechanism::ALL.len() as u64).is_multiple_of(NOTHING_HIDDEN_EVERY))
             .then(|| choices[draw % choices.len()]);
@@ -94,25 +93,6 @@ fn write(world: &JointWorld, directory: &Path, seed: u64) -> Result<()> {
         std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
     }
     Ok(())
-}
-
-/// Effects and joints that can be hidden.
-fn choices(mechanism: Mechanism) -> Result<Vec<(&'static JointEffect, usize)>> {
-    let tree = Tree::of(&mechanism.scene())?;
-    let mut out = Vec::new();
-    for effect in REGISTRY.iter().copied() {
-        for joint in 0..tree.links.len() {
-            if effect.fits(
-                tree.kinds[joint],
-                tree.motors[joint].is_some(),
-                tree.parents[joint].is_none(),
-                true,
-            ) {
-                out.push((effect, joint));
-            }
-        }
-    }
-    Ok(out)
 }
 
 /// Numbers of outcomes.

@@ -100,6 +100,15 @@ pub struct Excitation {
     pub positions: Vec<(String, Vec<f64>)>,
 }
 
+impl Excitation {
+    /// The commands for a rollout of a scene's mechanism.
+    pub fn commands(&self, tree: &Tree) -> Commands {
+        let of = |name: &String| self.commands.iter().find(|(joint, _)| joint == name);
+        let values = tree.names.iter().map(|name| of(name).map_or(Vec::new(), |(_, own)| own.clone()));
+        Commands::new(self.times.clone(), values.collect())
+    }
+}
+
 /// A family of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ExcitationFamily {

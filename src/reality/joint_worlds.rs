@@ -16,7 +16,7 @@ use crate::task::body::Body;
 use crate::task::joint::{Control, Joint, JointKind, Motor};
 use crate::task::scene::JOINT_FORMAT;
 use crate::task::shape::{Rectangle, Shape};
-use crate::world::mechanism::effect::{JointEffect, JointScale};
+use crate::world::mechanism::effect::{JointEffect, JointScale, REGISTRY};
 use crate::world::mechanism::{
     Commands, FieldShape, JointMotion, JointRollout, JointTerm, TorqueField, TorqueFunction, Tree,
     required_torques, rounded_position, simulate,
@@ -138,6 +138,19 @@ impl Mechanism {
         }
     }
 
+    /// Effects that can be hidden, with the indices of their joints.
+    pub fn effects(self) -> Result<Vec<(&'static JointEffect, usize)>> {
+        let tree = Tree::of(&self.scene())?;
+        let fits = |effect: &JointEffect, j: usize| {
+            effect.fits(tree.kinds[j], tree.motors[j].is_some(), tree.parents[j].is_none(), true)
+        };
+        let joints = 0..tree.links.len();
+        let of = |effect: &'static JointEffect| {
+            joints.clone().filter(move |j| fits(effect, *j)).map(move |j| (effect, j)).collect::<Vec<_>>()
+        };
+        Ok(REGISTRY.iter().copied().flat_map(of).collect())
+    }
+
     /// A recording with a hidden effect of a random size in a joint, or with none; no joint turns faster than [`MAX_SPEED`].
     pub fn world(
         self,
@@ -145,9 +158,20 @@ impl Mechanism {
         plan: &RecordingPlan,
         seed: u64,
     ) -> Result<JointWorld> {
+        self.world_under(hidden, plan, None, seed)
+    }
+
+    /// The same under given commands of each trial instead of random ones.
+    pub fn world_under(
+        self,
+        hidden: Option<(&'static JointEffect, usize)>,
+        plan: &RecordingPlan,
+        commands: Option<&[Commands]>,
+        seed: u64,
+    ) -> Result<JointWorld> {
         let mut stream = rng::stream(seed, "joint world");
         for _ in 0..MAX_ATTEMPTS {
-            if let Some(found) = self.attempt(hidden, plan, &mut stream)? {
+            if let Some(found) = self.attempt(hidden, plan, commands, &mut stream)? {
                 return Ok(found);
             }
         }
@@ -159,6 +183,7 @@ impl Mechanism {
         self,
         hidden: Option<(&'static JointEffect, usize)>,
         plan: &RecordingPlan,
+        given: Option<&[Commands]>,
         stream: &mut Stream,
     ) -> Result<Option<JointWorld>> {
         let scene = self.scene();
@@ -170,7 +195,11 @@ impl Mechanism {
                 (0..tree.links.len()).map(|j| amplitude(&tree, j) * stream.random_range(-1.0..1.0)).collect()
             })
             .collect();
-        let commands: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, stream)).collect();
+        let mut commands: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, stream)).collect();
+        if let Some(given) = given {
+            // The random ones are drawn all the same, so that the rest of the world is.
+            commands.iter_mut().zip(given).for_each(|(own, given)| own.clone_from(given));
+        }
         let run = |terms: &[Vec<JointTerm>], field: Option<(&TorqueField, &[(usize, f64)])>| {
             let rollouts: Vec<JointRollout> = (0..plan.trials)
                 .map(|k| JointRollout {

@@ -7,6 +7,7 @@ use crate::picture::HtmlReport;
 use crate::picture::plot::{Series, XyPlot, panels};
 use crate::picture::report::{Block, Section, ShareBar};
 use crate::picture::theme::Meaning;
+use crate::task::joint::{Joint, JointKind};
 
 /// Number of sets of effects in the table.
 const MAX_SETS: usize = 12;
@@ -68,12 +69,18 @@ pub fn figure(d: &JointDiagnosis) -> String {
             }
             let title = |of: &str| format!("{}: {of}", own.joint);
             [
-                plot(title("position"), "rad or m", vec![measured], positions),
-                plot(title("measured minus simulated"), "rad or m", Vec::new(), residuals),
+                plot(title("position"), unit(d, &own.joint), vec![measured], positions),
+                plot(title("measured minus simulated"), unit(d, &own.joint), Vec::new(), residuals),
             ]
         })
         .collect();
     panels("Joint positions", &plots, 1)
+}
+
+/// Unit of a joint's positions.
+fn unit(d: &JointDiagnosis, joint: &str) -> &'static str {
+    let slides = |j: &Joint| j.name == joint && j.kind == JointKind::Prismatic;
+    if d.extended_scene.joints.iter().any(slides) { "m" } else { "rad" }
 }
 
 fn title(d: &JointDiagnosis) -> String {
@@ -138,7 +145,7 @@ fn sets(d: &JointDiagnosis) -> Block {
 
 fn noise(d: &JointDiagnosis) -> Block {
     let row = |(own, sd): (&crate::inference::mechanism::JointCurve, &f64)| {
-        (own.joint.clone(), format!("{} rad or m", significant(*sd, 2)))
+        (own.joint.clone(), format!("{} {}", significant(*sd, 2), unit(d, &own.joint)))
     };
     Block::KeyValues(d.curves.joints.iter().zip(&d.noise).map(row).collect())
 }

@@ -43,7 +43,7 @@ def test_a_recorded_mechanism_is_diagnosed(serve: Callable[..., Any], new_page: 
     server = serve()
     joint, csv = recording(server)
     page = new_page(server).open("#/joints")
-    page.get_by_label("Mechanism", exact=True).select_option(TASK)
+    page.get_by_role("combobox", name="Mechanism").select_option(TASK)
     expect(page.locator("svg.scene .joint-mark")).to_have_count(1)
     expect(page.get_by_role("button", name="Run the diagnosis")).to_be_disabled()
     # The drawing follows the edited initial position.

@@ -11,6 +11,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 from test_diagnose import drop, with_report
 from test_jobs import SHORT
+from test_joints import TASK, load, recording
 from test_train import prepare_comparison
 from throws import LOW, csv, launches
 from test_live import act
@@ -38,6 +39,27 @@ def prepare_jobs(page: Page, server: Any) -> None:
 
 def prepare_job(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
+
+
+def prepare_recording(page: Page, server: Any) -> None:
+    """A recording of a pendulum, at half of its time."""
+    _, text = recording(server)
+    page.get_by_role("combobox", name="Mechanism").select_option(TASK)
+    load(page, "Load a recording (CSV)", "log.csv", text)
+    page.get_by_label("Time").fill("0.8")
+
+
+def prepare_joints(page: Page, server: Any) -> None:
+    """A diagnosis of a pendulum."""
+    done = [job["id"] for job in server.request("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
+    if not done:
+        _, text = recording(server)
+        tasks = server.request("GET", "/v1/control/tasks")["tasks"]
+        scene = next(task["scene"] for task in tasks if task["name"] == TASK)
+        done = [server.request("POST", "/v1/diagnoses", {"scene": scene, "trials": text})["id"]]
+        server.wait_for_job(done[0])
+    page.goto(f"{server.page}/#/joints/{done[0]}")
+    page.locator("div.report").wait_for()
 
 
 def prepare_pair(page: Page, server: Any) -> None:
@@ -159,6 +181,8 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "make": ("#/make?task=bowling:002", prepare_draft),
     "diagnose": ("#/diagnose", prepare_tracks),
     "diagnosis": ("#/diagnose", prepare_diagnosis),
+    "joints": ("#/joints", prepare_recording),
+    "joints-result": ("#/joints", prepare_joints),
     "calibrate": ("#/calibrate", prepare_form),
     "calibrate-run": ("#/calibrate", prepare_estimation),
     "calibrate-rig": ("#/calibrate", prepare_proposals),

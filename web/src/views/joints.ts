@@ -79,7 +79,7 @@ async function setup(place: HTMLElement, context: Context): Promise<void> {
     card("Recording", openRecording, h("p", { class: "soft" }, "One row for each time: trial, t (s), a column for each joint (rad or m), and JOINT.command for each motor.")),
     card("What the simulation assumes", form),
   );
-  put(place, h("div", { class: "desk joints" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, hint), pane)));
+  put(place, h("div", { class: "joints" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, hint), pane)));
   if (scene) use(scene);
 }
 
