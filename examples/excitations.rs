@@ -1,6 +1,6 @@
 //! Diagnoses of mechanisms from few, short trials: under random steps, and under the commands that `iplw excite` designs.
 //!
-//!     cargo run --release --example excitations -- [worlds] [first seed]
+//!     cargo run --release --example excitations -- [worlds] [first seed] [trials] [duration of each, s]
 
 use iplw::design::{ExcitationConfig, ExcitationGoal, design_excitations};
 use iplw::error::Result;
@@ -10,13 +10,13 @@ use iplw::reality::joint_worlds::{Mechanism, RecordingPlan};
 use iplw::rng::derive_seed;
 use iplw::world::mechanism::{Commands, Tree};
 
-/// The recording.
-const PLAN: RecordingPlan = RecordingPlan { trials: 3, duration: 1.5, rate: 100.0, noise: 1e-3 };
-
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
     let worlds: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(12);
     let first: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
+    let trials: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(3);
+    let duration: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1.5);
+    let plan = RecordingPlan { trials, duration, rate: 100.0, noise: 1e-3 };
     // Right alone, in the set, with random and with designed commands.
     let mut counts = [[0; 2]; 2];
     for seed in first..first + worlds {
@@ -28,10 +28,10 @@ fn main() -> Result<()> {
         let truth = format!("{} ({})", hidden.0.name, tree.names[hidden.1]);
         let config = ExcitationConfig {
             goal: ExcitationGoal::Discriminate,
-            trials: PLAN.trials,
-            duration: PLAN.duration,
+            trials,
+            duration,
             effects: Vec::new(),
-            noise: PLAN.noise,
+            noise: plan.noise,
             max_velocity: Some(30.0),
             positions: Vec::new(),
             commands: Vec::new(),
@@ -41,7 +41,7 @@ fn main() -> Result<()> {
         let designed: Vec<Commands> = design.excitations.iter().map(|e| e.commands(&tree)).collect();
         print!("{seed} {} {truth}:", mechanism.name());
         for (kind, commands) in [("random", None), ("designed", Some(&designed[..]))] {
-            let world = mechanism.world_under(Some(hidden), &PLAN, commands, seed)?;
+            let world = mechanism.world_under(Some(hidden), &plan, commands, seed)?;
             let found = diagnose_joints(&world.scene, &world.trials, 2, 0, &NoProgress)?;
             let is_right = |set: &Vec<String>| set.len() == 1 && set[0] == truth;
             let is_named = ["named", "ambiguous"].contains(&found.verdict.name());

@@ -188,7 +188,7 @@ fn summary(design: &ExcitationDesign, out: &Path) -> String {
         );
     }
     if !design.hard_pairs.is_empty() {
-        text += "hardly discriminated (expected log Bayes factor for plausible sizes):\n";
+        text += "hardly discriminated (expected log Bayes factor at half the plausible size):\n";
         for (a, b, factor) in design.hard_pairs.iter().take(MAX_PAIRS) {
             text += &format!("  {a} and {b}: {factor:.2}\n");
         }

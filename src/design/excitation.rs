@@ -1,7 +1,7 @@
 //! Design of excitations: commands of motors whose recording tells what a simulation of a mechanism lacks, or measures it best.
 //!
 //! Candidates of several families (steps, sweeps of frequency, sums of sines, slow ramps, steps to rest) are simulated; the trials are
-//! chosen one after the other, each for what the earlier ones leave open. With R_e the responses to an effect e of plausible size, in
+//! chosen one after the other, each for what the earlier ones leave open. With R_e the responses to an effect e of half the plausible size, in
 //! units of the noise, with initial states and the shared discrepancy projected out:
 //!
 //! - to discriminate between effects: mean over pairs of the expected log Bayes factor, 1/2 |R_e - (its part along R_f)|^2, at most
@@ -35,6 +35,8 @@ const RANDOM_DESIGNS: usize = 50;
 const RATE: f64 = 100.0;
 /// Log Bayes factor from which a recording discriminates between two effects: a thousand to one.
 const ENOUGH: f64 = 6.9;
+/// Size at which effects are to be discriminated, in plausible standard deviations: six effects in ten are larger.
+const SIZE: f64 = 0.5;
 /// Largest command as a share of a motor's torque limit.
 const SHARE_OF_LIMIT: f64 = 0.9;
 
@@ -362,7 +364,7 @@ fn bayes_factors(
     let columns = &information.columns;
     let mut out = Vec::new();
     for (e, kept) in columns.iter().enumerate() {
-        let half = |m: DMatrix<f64>| 0.5 * m.trace() / kept.len() as f64;
+        let half = |m: DMatrix<f64>| 0.5 * SIZE * SIZE * m.trace() / kept.len() as f64;
         out.push((e, None, half(own.view((kept.start, kept.start), (kept.len(), kept.len())).into_owned())));
         for (f, gone) in columns.iter().enumerate() {
             if f != e {
