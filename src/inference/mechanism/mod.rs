@@ -62,7 +62,11 @@ mod tests {
     use crate::inference::report::Verdict;
     use crate::progress::NoProgress;
     use crate::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
+    use crate::rng;
+    use crate::task::control::control_task;
     use crate::world::mechanism::effect::find;
+    use crate::world::mechanism::{Commands, JointRollout, JointTerm, simulate};
+    use rand_distr::{Distribution, StandardNormal};
 
     const PLAN: RecordingPlan = RecordingPlan { trials: 6, duration: 2.0, rate: 50.0, noise: 1e-3 };
 
@@ -89,6 +93,46 @@ mod tests {
             let estimate = &found.effects[0].parameters[0];
             assert!((estimate.value - truth).abs() < 4.0 * estimate.sd, "{estimate:?} for {truth}");
         }
+    }
+
+    /// The discrepancy could stand for a part of so strong a friction: the fit must leave that optimum.
+    #[test]
+    fn strong_friction_is_measured_without_bias() {
+        const FRICTION: f64 = 0.15;
+        let scene = control_task("pendulum_swing_up").unwrap().scene.clone();
+        let tree = Tree::of(&scene).unwrap();
+        let mut stream = rng::stream(4, "recording");
+        let times: Vec<f64> = (0..=150).map(|i| 0.02 * f64::from(i)).collect();
+        let trials: Vec<JointTrial> = (0..6)
+            .map(|k| {
+                let wave = |t: &f64| 0.8 * libm::sin(f64::from(2 + k) * t);
+                let commands = Commands::new(times.clone(), vec![times.iter().map(wave).collect()]);
+                let rollout = JointRollout {
+                    tree: &tree,
+                    terms: vec![JointTerm {
+                        values: vec![FRICTION],
+                        ..find("viscous_friction").unwrap().neutral(0)
+                    }],
+                    position: vec![0.4 * f64::from(k) - 1.0],
+                    velocity: vec![0.0],
+                    start: 0.0,
+                    commands: &commands,
+                    times: &times,
+                    field: None,
+                };
+                let motion = simulate(&[rollout]).remove(0);
+                let noisy = |q: &f64| {
+                    let z: f64 = StandardNormal.sample(&mut stream);
+                    vec![q + 1e-3 * z]
+                };
+                let positions = motion.positions[0].iter().map(noisy).collect();
+                JointTrial { id: k.to_string(), times: times.clone(), positions, commands }
+            })
+            .collect();
+        let found = diagnose_joints(&scene, &trials, 2, 0, &NoProgress).unwrap();
+        assert_eq!(found.rivals, [["viscous_friction (hinge)"]], "{}", found.reason);
+        let b = &found.effects[0].parameters[0];
+        assert!((b.value - FRICTION).abs() < 4.0 * b.sd && b.sd < 0.003, "{b:?}");
     }
 
     #[test]

@@ -68,6 +68,13 @@ struct JointIterate {
     log_posterior: f64,
 }
 
+impl JointIterate {
+    /// Log evidence of what was reached: less what a step that remains promises.
+    fn log_evidence(&self) -> f64 {
+        self.laplace.log_evidence - (self.laplace.log_joint - self.log_posterior).max(0.0)
+    }
+}
+
 impl JointContext<'_, '_> {
     /// Fits terms from values and states; `None` if they cannot be simulated.
     pub fn fit(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointFit>> {
@@ -79,7 +86,7 @@ impl JointContext<'_, '_> {
             let Some(states) = self.best_states(&best.terms, best.states.clone())? else { break };
             let Some(moved) = self.evaluate(best.terms.clone(), states)? else { break };
             let again = self.converged(moved)?;
-            let gained = again.log_posterior - best.log_posterior;
+            let gained = again.log_evidence() - best.log_evidence();
             if gained > 0.0 {
                 best = again;
             }
@@ -114,12 +121,16 @@ impl JointContext<'_, '_> {
         for _ in 0..MAX_STEPS {
             let terms = self.stepped(&best, fraction);
             let candidate = self.evaluate_settled(terms.clone(), self.predicted_states(&best, &terms))?;
-            match candidate.filter(|c| c.log_posterior > best.log_posterior) {
-                Some(candidate) => {
-                    let gained = candidate.log_posterior - best.log_posterior;
+            // The step is one at the scale of the discrepancy at which the evidence is largest; that may differ after it.
+            let gain = |c: &JointIterate| {
+                profile_log_posterior(&c.statistics, &c.prior, best.laplace.scale) - best.log_posterior
+            };
+            match candidate.map(|c| (gain(&c), c)).filter(|(gained, _)| *gained > 0.0) {
+                Some((gained, candidate)) => {
+                    let is_settled = gained < TOLERANCE && candidate.laplace.scale == best.laplace.scale;
                     (best, halvings) = (candidate, 0);
                     fraction = f64::min(1.0, 2.0 * fraction);
-                    if gained < TOLERANCE {
+                    if is_settled {
                         break;
                     }
                 }
@@ -328,7 +339,8 @@ impl JointContext<'_, '_> {
     }
 
     fn fitted(&self, best: JointIterate) -> JointFit {
-        let JointIterate { terms, states, groups, statistics, prior, laplace, log_posterior, .. } = best;
+        let log_evidence = best.log_evidence();
+        let JointIterate { terms, states, groups, statistics, prior, laplace, .. } = best;
         let slots = slots(&terms);
         let beyond = |(k, slot): (usize, &Slot)| {
             let (own, value) = (declaration(&terms, *slot), terms[slot.term].values[slot.parameter]);
@@ -337,18 +349,7 @@ impl JointContext<'_, '_> {
             wanted < own.bounds[0] - 0.1 * sd || wanted > own.bounds[1] + 0.1 * sd
         };
         let is_at_bound = slots.iter().enumerate().any(beyond);
-        // A step that remains promises more than was reached.
-        let excess = (laplace.log_joint - log_posterior).max(0.0);
-        JointFit {
-            log_evidence: laplace.log_evidence - excess,
-            terms,
-            states,
-            laplace,
-            prior,
-            groups,
-            statistics,
-            is_at_bound,
-        }
+        JointFit { log_evidence, terms, states, laplace, prior, groups, statistics, is_at_bound }
     }
 }
 
