@@ -50,6 +50,7 @@ pub struct Args {
     /// Lowest and highest command of a motor; may be repeated [default: 90 % of the torque limit]
     #[arg(long, value_name = "JOINT=LOW..HIGH", value_parser = named_range, allow_hyphen_values = true)]
     command: Vec<(String, [f64; 2])>,
+    /// Seed of the candidates.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Output directory.
