@@ -195,11 +195,9 @@ impl Mechanism {
                 (0..tree.links.len()).map(|j| amplitude(&tree, j) * stream.random_range(-1.0..1.0)).collect()
             })
             .collect();
-        let mut commands: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, stream)).collect();
-        if let Some(given) = given {
-            // The random ones are drawn all the same, so that the rest of the world is.
-            commands.iter_mut().zip(given).for_each(|(own, given)| own.clone_from(given));
-        }
+        // Random ones are drawn all the same, so that the rest of the world is.
+        let drawn: Vec<Commands> = (0..plan.trials).map(|_| commands(&tree, plan, stream)).collect();
+        let commands = given.map_or(drawn, <[Commands]>::to_vec);
         let run = |terms: &[Vec<JointTerm>], field: Option<(&TorqueField, &[(usize, f64)])>| {
             let rollouts: Vec<JointRollout> = (0..plan.trials)
                 .map(|k| JointRollout {
@@ -226,10 +224,8 @@ impl Mechanism {
         let [velocity, torque, missing] = sizes(&tree, &clean, &times, &commands)?;
         let (field, coefficients) = dirt(&tree, &velocity, &torque, &missing, stream);
         let motions = run(&terms, Some((&field, &coefficients)));
-        if motions
-            .iter()
-            .any(|m| m.velocities.iter().flatten().any(|v| !v.is_finite() || v.abs() > MAX_SPEED))
-        {
+        let is_fast = |v: &f64| !v.is_finite() || v.abs() > MAX_SPEED;
+        if motions.iter().any(|m| m.velocities.iter().flatten().any(is_fast)) {
             return Ok(None);
         }
         let eccentric: Vec<f64> = (0..tree.links.len()).map(|_| stream.random_range(-3.0..3.0)).collect();
