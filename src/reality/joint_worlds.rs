@@ -161,7 +161,7 @@ impl Mechanism {
         self.world_under(hidden, plan, None, seed)
     }
 
-    /// The same under given commands of each trial instead of random ones.
+    /// The same under given commands, one for each trial, instead of random ones.
     pub fn world_under(
         self,
         hidden: Option<(&'static JointEffect, usize)>,
@@ -169,6 +169,9 @@ impl Mechanism {
         commands: Option<&[Commands]>,
         seed: u64,
     ) -> Result<JointWorld> {
+        if let Some(wrong) = commands.map(<[Commands]>::len).filter(|count| *count != plan.trials) {
+            return Err(Error::input("commands", wrong, format!("{}: one for each trial", plan.trials)));
+        }
         let mut stream = rng::stream(seed, "joint world");
         for _ in 0..MAX_ATTEMPTS {
             if let Some(found) = self.attempt(hidden, plan, commands, &mut stream)? {
