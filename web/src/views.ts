@@ -15,8 +15,8 @@ import { train } from "./views/train";
 import type { ViewGroup } from "./view";
 
 export const VIEW_GROUPS: readonly ViewGroup[] = [
-  { title: "World", views: [play, make] },
-  { title: "Data", views: [calibrate, diagnose, joints, posterior] },
+  { title: "World", views: [play, make, joints] },
+  { title: "Data", views: [calibrate, diagnose, posterior] },
   { title: "Decide", views: [plan, design, surface] },
   { title: "Learn", views: [train, live] },
   { title: "Server", views: [jobs] },

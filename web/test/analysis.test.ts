@@ -10,10 +10,10 @@ import { headline as surfaceHeadline, stakeText } from "../src/views/surface/res
 import { VIEW_GROUPS } from "../src/views";
 import type { Scene } from "../src/scene/types";
 
-test("the navigation has eleven views, each once, under short group titles", () => {
+test("the navigation has twelve views, each once, under short group titles", () => {
   const ids = VIEW_GROUPS.flatMap((group) => group.views.map((view) => view.id));
-  assert.equal(ids.length, 11);
-  assert.equal(new Set(ids).size, 11);
+  assert.equal(ids.length, 12);
+  assert.equal(new Set(ids).size, 12);
   for (const group of VIEW_GROUPS) assert.ok(group.title.length <= 8 && group.views.length <= 3, group.title);
 });
 
