@@ -4,7 +4,7 @@
 
 use iplw::design::{ExcitationConfig, ExcitationGoal, design_excitations};
 use iplw::error::Result;
-use iplw::inference::mechanism::diagnose_joints;
+use iplw::inference::mechanism::{diagnose_joints, effect_in_joint};
 use iplw::progress::NoProgress;
 use iplw::reality::joint_worlds::{Mechanism, RecordingPlan};
 use iplw::rng::derive_seed;
@@ -25,7 +25,7 @@ fn main() -> Result<()> {
         let tree = Tree::of(&scene)?;
         let choices = mechanism.effects()?;
         let hidden = choices[derive_seed(seed, "hidden effect", 0) as usize % choices.len()];
-        let truth = format!("{} ({})", hidden.0.name, tree.names[hidden.1]);
+        let truth = effect_in_joint(hidden.0.name, &tree.names[hidden.1]);
         let config = ExcitationConfig {
             goal: ExcitationGoal::Discriminate,
             trials,

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints};
+use iplw::inference::mechanism::{JointDiagnosis, diagnose_joints, effect_in_joint};
 use iplw::progress::NoProgress;
 use iplw::reality::joint_worlds::{JointWorld, Mechanism, RecordingPlan};
 use iplw::rng::derive_seed;
@@ -40,7 +40,7 @@ fn main() -> Result<()> {
         let start = Instant::now();
         let found = diagnose_joints(&world.scene, &world.trials, 3, 0, &NoProgress)?;
         let names = &Tree::of(&world.scene)?.names;
-        let truth = world.truth.as_ref().map(|t| format!("{} ({})", t.effect.name, names[t.joint]));
+        let truth = world.truth.as_ref().map(|t| effect_in_joint(t.effect.name, &names[t.joint]));
         let outcome = counts.add(truth.as_deref(), &found);
         counts.add_intervals(&world, &found);
         let values = world.truth.as_ref().map_or(String::new(), |t| format!("{:.4?}", t.values));

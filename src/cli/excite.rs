@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use iplw::design::{Excitation, ExcitationConfig, ExcitationDesign, ExcitationGoal, design_excitations};
 use iplw::error::{Error, Result, check_range};
+use iplw::inference::mechanism::parse_effect_in_joint;
 use iplw::picture::plot::{Series, lines, panels};
 use iplw::task::Scene;
+use iplw::world::mechanism::effect::find;
 use serde::Deserialize;
 
 use super::compact_json::compact_json;
@@ -98,7 +100,7 @@ pub fn run(args: &Args) -> Result<()> {
             GoalOption::Precision => ExcitationGoal::Precision,
         },
         trials: args.trials.into(),
-        duration: check_range("--duration", args.duration, 0.5, 600.0)?,
+        duration: check_range("--duration", args.duration, 0.5, 60.0)?,
         effects,
         noise: check_range("--noise", args.noise, 1e-9, 1.0)?,
         max_velocity: args.max_velocity.map(|v| check_range("--max-velocity", v, 1e-6, 1e6)).transpose()?,
@@ -127,12 +129,12 @@ fn effects_of_report(text: &str) -> Result<Vec<(String, String)>> {
     let report: Report = iplw::json::parse(text)?;
     let mut out: Vec<(String, String)> = Vec::new();
     for name in report.rivals.iter().flatten() {
-        let parts = name.strip_suffix(')').and_then(|name| name.split_once(" ("));
-        let Some((effect, joint)) = parts else {
+        let Some((effect, joint)) = parse_effect_in_joint(name) else {
             return Err(Error::input("rivals", name.as_str(), "effects in joints, as `payload (hinge)`"));
         };
         let own = (effect.to_string(), joint.to_string());
-        if !out.contains(&own) {
+        // The resolution of an encoder shows under any commands.
+        if !out.contains(&own) && !find(effect)?.is_resolution() {
             out.push(own);
         }
     }
@@ -182,11 +184,8 @@ fn summary(design: &ExcitationDesign, out: &Path) -> String {
     for (k, own) in design.excitations.iter().enumerate() {
         text += &format!("{}. {}: {:.2} nats with the trials before\n", k + 1, own.family, own.score);
     }
-    if design.random_score.is_finite() {
-        text += &format!(
-            "as many trials of random steps: {:.2} +- {:.2}\n",
-            design.random_score, design.random_sd
-        );
+    if let (Some(mean), Some(sd)) = (design.random_score, design.random_sd) {
+        text += &format!("as many trials of random steps: {mean:.2} +- {sd:.2}\n");
     }
     if !design.hard_pairs.is_empty() {
         text += "hardly discriminated (expected log Bayes factor at half the plausible size):\n";

@@ -1,6 +1,8 @@
 //! The report of a diagnosis of joints: the verdict with its laws, measured and simulated positions, and the probabilities of effects.
 
-use crate::inference::mechanism::{JointDiagnosis, JointEffectEstimate};
+use crate::inference::mechanism::{
+    JointCurve, JointDiagnosis, JointEffectEstimate, JointParameterEstimate, JointSetScore,
+};
 use crate::inference::report::Verdict;
 use crate::number::{percent, significant};
 use crate::picture::HtmlReport;
@@ -98,7 +100,7 @@ fn title(d: &JointDiagnosis) -> String {
 
 /// The law of an effect with its estimates.
 fn law(e: &JointEffectEstimate) -> Block {
-    let value = |p: &crate::inference::mechanism::JointParameterEstimate| {
+    let value = |p: &JointParameterEstimate| {
         let [low, high] = p.ci95.map(|v| significant(v, 3));
         format!("{} = {} {} (95 %: {low} to {high})", p.name, significant(p.value, 3), p.unit)
     };
@@ -132,7 +134,7 @@ fn gain(d: &JointDiagnosis) -> String {
 }
 
 fn sets(d: &JointDiagnosis) -> Block {
-    let row = |s: &crate::inference::mechanism::JointSetScore| {
+    let row = |s: &JointSetScore| {
         let set = if s.effects.is_empty() { "none".into() } else { s.effects.join(" + ") };
         vec![set, significant(s.score, 3), percent(s.probability)]
     };
@@ -144,7 +146,7 @@ fn sets(d: &JointDiagnosis) -> Block {
 }
 
 fn noise(d: &JointDiagnosis) -> Block {
-    let row = |(own, sd): (&crate::inference::mechanism::JointCurve, &f64)| {
+    let row = |(own, sd): (&JointCurve, &f64)| {
         (own.joint.clone(), format!("{} {}", significant(*sd, 2), unit(d, &own.joint)))
     };
     Block::KeyValues(d.curves.joints.iter().zip(&d.noise).map(row).collect())

@@ -25,6 +25,7 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 use crate::estimate::PerformanceSurface;
+use crate::inference::mechanism::JOINT_DIAGNOSIS_FORMAT;
 use crate::picture::HtmlReport;
 use crate::task::Task;
 use diagnosis::DiagnosisDocument;
@@ -48,7 +49,7 @@ pub struct JobResult<'a> {
 /// The report of a job's result. Fails if an earlier version wrote the result in another form.
 pub fn job_report(job: &JobResult) -> Result<HtmlReport> {
     let mut report = match (job.kind, job.surface) {
-        ("diagnose", _) if job.result["extended_scene"]["joints"].is_array() => {
+        ("diagnose", _) if job.result["format"] == JOINT_DIAGNOSIS_FORMAT => {
             joint_diagnosis::report(&parsed(job.result)?)
         }
         ("diagnose", _) => {

@@ -76,7 +76,8 @@ pub struct JointLimits {
     /// rad
     pub low: f64,
     pub high: f64,
-    /// N m/rad; if absent as stiff as the time step allows with a margin: the link alone would oscillate on it with 0.2 rad in a step.
+    /// N m/rad; if absent as stiff as the time step allows with a margin: all that hangs on the joint, as one rigid body, would oscillate on it
+    /// with 0.2 rad in a step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stiffness: Option<f64>,
     /// s/rad
@@ -175,6 +176,11 @@ impl Joint {
 }
 
 impl Motor {
+    /// Whether the scene states a largest torque.
+    pub fn has_limit(&self) -> bool {
+        self.max_torque < MAX_TORQUE
+    }
+
     /// Torque for a command at a position and velocity, within the limit, N m.
     pub fn torque(&self, command: f64, position: f64, velocity: f64) -> f64 {
         let free = match self.control {

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use iplw::task::Scene;
+use iplw::task::scene::Inertia;
 use iplw::world::mechanism::{Commands, JointMotion, JointRollout, Tree, scene_terms, simulate};
 use serde_json::{Value, json};
 
@@ -271,4 +272,43 @@ fn a_stop_holds_a_pendulum_where_statics_says() {
     // stiffness (low - q) = m g L / 2 sin q
     let off = stop.stiffness * (stop.low - q) - 9.81 * 0.5 * q.sin();
     assert!(off.abs() < 1e-3 * 9.81 * 0.5, "{q}: {off} N m are missing");
+}
+
+/// Encoders on the motor's side: elastic joints and gaps shift positions by the motor's torque of before, with its gain and delay.
+#[test]
+fn encoders_on_the_side_of_the_motor_show_its_torque() {
+    let commands = Commands::new(vec![0.0, 0.5], vec![vec![2.0, -1.0]]);
+    let times: Vec<f64> = (0..=100).map(|i| 0.01 * f64::from(i)).collect();
+    let with = |effects: Value| run(&pendulum(0.3, effects), &commands, &times).positions.remove(0);
+    let driven = json!([{"name": "motor_gain", "parameters": {"s": 0.5}}, {"name": "command_delay", "parameters": {"delay": 0.1}}]);
+    let plain = with(driven.clone());
+    let shift = |name: &str, parameter: &str, value: f64| -> Vec<f64> {
+        let mut effects = driven.clone();
+        effects.as_array_mut().unwrap().push(json!({"name": name, "parameters": {parameter: value}}));
+        with(effects).iter().zip(&plain).map(|(q, plain)| q - plain).collect()
+    };
+    // The second command acts from 0.6 s on; a row at that time is measured before it acts.
+    let (twist, gap) = (shift("joint_compliance", "compliance", 0.01), shift("backlash", "gap", 0.02));
+    for (k, t) in times.iter().enumerate() {
+        let torque = if *t < 0.605 { 1.0 } else { -0.5 };
+        assert!((twist[k] - 0.01 * torque).abs() < 1e-12, "{t}: {}", twist[k]);
+        assert!((gap[k] - 0.01 * torque.signum()).abs() < 1e-6, "{t}: {}", gap[k]);
+    }
+}
+
+/// A link of a millionth of the mass on a stop carries what hangs on it.
+#[test]
+fn a_stop_is_as_stiff_as_what_hangs_on_its_joint_needs() {
+    let mut scene = cart_pole(0.1);
+    let carriage = scene.bodies.iter_mut().find(|body| body.name == "cart").unwrap();
+    carriage.mass = Some(1e-6);
+    let pole = scene.bodies.iter_mut().find(|body| body.name == "pole").unwrap();
+    pole.inertia = Some(Inertia::Value(0.036));
+    let slide = scene.joints.iter_mut().find(|joint| joint.name == "slide").unwrap();
+    slide.limits = Some(serde_json::from_value(json!({"low": -0.5, "high": 0.5})).unwrap());
+    let times: Vec<f64> = (0..=3000).map(|i| f64::from(i) * 1e-3).collect();
+    let motion = run(&scene, &Commands::new(vec![0.0], vec![vec![3.0], Vec::new()]), &times);
+    let tree = Tree::of(&scene).unwrap();
+    let x = &motion.positions[tree.joint("slide").unwrap()];
+    assert!(x.iter().all(|x| x.is_finite() && *x < 0.52), "{:?}", x.iter().copied().fold(0.0, f64::max));
 }

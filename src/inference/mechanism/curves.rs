@@ -28,10 +28,9 @@ pub struct JointCurve {
 /// Curves of the trial whose largest residual from `base` is largest.
 pub fn worst_trial(recording: &JointRecording, base: &JointFit, best: Option<&JointFit>) -> JointCurves {
     let every: Vec<usize> = (0..recording.segments.len()).collect();
-    let residuals =
-        |fit: &JointFit, which: &[usize]| recording.linearise_states(&fit.terms, &fit.states, which);
+    let residuals = |fit: &JointFit, which: &[usize]| recording.residuals(&fit.terms, &fit.states, which);
     let all = residuals(base, &every);
-    let largest = |w: usize| all[w].residual.amax();
+    let largest = |w: usize| all[w].amax();
     let worst = every.iter().copied().max_by(|a, b| largest(*a).total_cmp(&largest(*b))).unwrap_or(0);
     let trial = recording.segments[worst].trial;
     let own: Vec<usize> = every.into_iter().filter(|w| recording.segments[*w].trial == trial).collect();
@@ -53,9 +52,9 @@ pub fn worst_trial(recording: &JointRecording, base: &JointFit, best: Option<&Jo
         for (j, curve) in joints.iter_mut().enumerate() {
             for i in j * rows..(j + 1) * rows {
                 curve.measured.push(observed[i]);
-                curve.simulated.push(observed[i] - all[w].residual[i]);
+                curve.simulated.push(observed[i] - all[w][i]);
                 if let (Some(to), Some(from)) = (&mut curve.extended, &extended) {
-                    to.push(observed[i] - from[k].residual[i]);
+                    to.push(observed[i] - from[k][i]);
                 }
             }
         }

@@ -146,15 +146,8 @@ fn simplest(found: &JointSearch, sets: &[usize]) -> Vec<usize> {
     let certain = |i: usize, j: usize| {
         found.log_posterior[i] - found.log_posterior[j] > SETTINGS.log_odds_of_certainty()
     };
-    let covers = |i: usize, j: usize| contains(&found.fits[i], &found.fits[j]) && !certain(i, j);
+    let covers = |i: usize, j: usize| found.fits[i].contains(&found.fits[j]) && !certain(i, j);
     sets.iter().copied().filter(|i| !sets.iter().any(|j| j != i && covers(*i, *j))).collect()
-}
-
-/// Whether a set contains another one.
-fn contains(large: &JointFit, small: &JointFit) -> bool {
-    let has =
-        |t: &JointTerm| large.terms.iter().any(|l| l.joint == t.joint && l.effect.name == t.effect.name);
-    large.terms.len() > small.terms.len() && small.terms.iter().all(has)
 }
 
 /// Squared residuals by trial at parameter and discrepancy steps.

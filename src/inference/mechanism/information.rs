@@ -6,9 +6,10 @@ use super::discrepancy::discrepancy;
 use super::linearization::{JointLinearization, slots};
 use super::model_fit::not_simulable;
 use super::recording::{JointRecording, JointSegment};
+use super::report::effect_in_joint;
 use super::search::candidates;
-use crate::error::Result;
-use crate::inference::mixed_model::coordinates::orthonormalise;
+use crate::error::{Error, Result};
+use crate::inference::mixed_model::coordinates::{orthonormalise, project_out};
 use crate::progress::Progress;
 use crate::reality::JointTrial;
 use crate::task::Scene;
@@ -38,16 +39,7 @@ pub fn information(
     recording.noise.fill(noise);
     let states = recording.initial_states();
     let base = recording.linearise(&[], &states).ok_or_else(not_simulable)?;
-    let is_wanted = |t: &JointTerm| {
-        let is_own =
-            |(effect, joint): &(String, String)| *effect == t.effect.name && *joint == tree.names[t.joint];
-        wanted.is_empty() || wanted.iter().any(is_own)
-    };
-    let effects: Vec<JointTerm> = candidates(&recording)
-        .into_iter()
-        .map(|candidate| candidate.starts[0].effect.neutral(candidate.starts[0].joint))
-        .filter(is_wanted)
-        .collect();
+    let effects = effects(&recording, wanted)?;
     let shared = discrepancy(&recording, &Vec::new(), &states).ok_or_else(not_simulable)?;
     let nuisances: Vec<DMatrix<f64>> = recording
         .segments
@@ -55,7 +47,7 @@ pub fn information(
         .zip(&base)
         .map(|(segment, own)| orthonormalise(&recording.white(segment, &own.nuisances)).0)
         .collect();
-    let project = |w: usize, white: DMatrix<f64>| &white - &nuisances[w] * nuisances[w].tr_mul(&white);
+    let project = |w: usize, white: &DMatrix<f64>| project_out(&nuisances[w], white);
     // By segment: responses side by side.
     let mut responses: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); recording.segments.len()];
     let (mut columns, mut first) = (Vec::new(), 0);
@@ -64,17 +56,34 @@ pub fn information(
         let own = sensitivities(&recording, effect, &states)?;
         first += own[0].ncols();
         columns.push(first - own[0].ncols()..first);
-        own.into_iter().enumerate().for_each(|(w, own)| responses[w].push(project(w, own)));
+        own.into_iter().enumerate().for_each(|(w, own)| responses[w].push(project(w, &own)));
     }
     let count = first + shared.responses[0].ncols();
     let mut products = vec![DMatrix::zeros(count, count); trials.len()];
     for (w, (mut own, shared)) in responses.into_iter().zip(shared.responses).enumerate() {
-        own.push(project(w, shared));
+        own.push(project(w, &shared));
         let all: Vec<_> = own.iter().flat_map(DMatrix::column_iter).collect();
         let all = DMatrix::from_columns(&all);
         products[recording.segments[w].trial] += all.tr_mul(&all);
     }
     Ok(ExcitationInformation { effects, columns, products })
+}
+
+/// The effects that joints can have, of no size; those in `wanted` alone if there are any.
+fn effects(recording: &JointRecording, wanted: &[(String, String)]) -> Result<Vec<JointTerm>> {
+    let all = candidates(recording).into_iter().map(|candidate| {
+        let JointTerm { effect, joint, .. } = candidate.starts[0];
+        effect.neutral(joint)
+    });
+    let all: Vec<JointTerm> = all.collect();
+    let name = |t: &JointTerm| effect_in_joint(t.effect.name, &recording.tree.names[t.joint]);
+    let names: Vec<String> = all.iter().map(name).collect();
+    let wanted: Vec<String> = wanted.iter().map(|(effect, joint)| effect_in_joint(effect, joint)).collect();
+    if let Some(unknown) = wanted.iter().find(|name| !names.contains(name)) {
+        return Err(Error::not_found("effect in joints", unknown, names.iter().map(String::as_str)));
+    }
+    let is_wanted = |name: &String| wanted.is_empty() || wanted.contains(name);
+    Ok(all.into_iter().zip(names).filter(|(_, name)| is_wanted(name)).map(|(term, _)| term).collect())
 }
 
 /// By segment, in white coordinates: responses to the sizes of an effect, of plausible size each. They are those of a small effect, or

@@ -73,6 +73,14 @@ impl JointRecording<'_> {
         self.linearizations(terms, &[], states, which)
     }
 
+    /// Residuals of some segments, by the same.
+    pub fn residuals(&self, terms: &[JointTerm], states: &[Vec<f64>], which: &[usize]) -> Vec<DVector<f64>> {
+        let rollouts: Vec<JointRollout> =
+            which.iter().map(|w| self.rollout(&self.segments[*w], terms, &states[*w])).collect();
+        let of = |(motion, w): (JointMotion, &usize)| self.observed(&self.segments[*w]) - rows(&motion);
+        simulate(&rollouts).into_iter().zip(which).map(of).collect()
+    }
+
     fn linearizations(
         &self,
         terms: &[JointTerm],

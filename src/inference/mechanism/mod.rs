@@ -24,7 +24,10 @@ pub use curves::{JointCurve, JointCurves};
 use decision::decide;
 pub use information::{ExcitationInformation, information};
 use recording::JointRecording;
-pub use report::{JointDiagnosis, JointEffectEstimate, JointParameterEstimate, JointSetScore};
+pub use report::{
+    JOINT_DIAGNOSIS_FORMAT, JointDiagnosis, JointEffectEstimate, JointParameterEstimate, JointSetScore,
+    effect_in_joint, parse_effect_in_joint,
+};
 
 /// Maximum number of effects in a set, by default.
 pub const MAX_EFFECTS: usize = 3;
@@ -83,15 +86,20 @@ mod tests {
 
     #[test]
     fn a_hidden_effect_is_named_with_its_size() {
-        for (mechanism, effect, joint) in
-            [(Mechanism::Pendulum, "motor_gain", 0), (Mechanism::CartPole, "viscous_friction", 1)]
-        {
+        for (mechanism, effect, joint) in [
+            (Mechanism::Pendulum, "motor_gain", 0),
+            (Mechanism::Pendulum, "backlash", 0),
+            (Mechanism::Pendulum, "joint_compliance", 0),
+            (Mechanism::Pendulum, "encoder_resolution", 0),
+            (Mechanism::CartPole, "viscous_friction", 1),
+        ] {
             let (world, found) = diagnosed(mechanism, Some((effect, joint)), 7);
             let truth = world.truth.unwrap().values[0];
             assert_eq!(found.verdict, Verdict::Named, "{}", found.reason);
             assert_eq!(found.effects[0].name, effect, "{}", found.reason);
             let estimate = &found.effects[0].parameters[0];
-            assert!((estimate.value - truth).abs() < 4.0 * estimate.sd, "{estimate:?} for {truth}");
+            let error = (estimate.value - truth).abs();
+            assert!(error <= (4.0 * estimate.sd).max(1e-9), "{estimate:?} for {truth}");
         }
     }
 
@@ -133,6 +141,16 @@ mod tests {
         assert_eq!(found.rivals, [["viscous_friction (hinge)"]], "{}", found.reason);
         let b = &found.effects[0].parameters[0];
         assert!((b.value - FRICTION).abs() < 4.0 * b.sd && b.sd < 0.003, "{b:?}");
+    }
+
+    #[test]
+    fn a_recording_without_motion_is_an_error() {
+        let scene = Mechanism::Pendulum.scene();
+        let times: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).collect();
+        let positions = vec![vec![0.5]; times.len()];
+        let trial = JointTrial { id: "0".into(), times, positions, commands: Commands::default() };
+        let error = diagnose_joints(&scene, &[trial], 2, 0, &NoProgress).unwrap_err().to_string();
+        assert!(error.contains("no joint moves"), "{error}");
     }
 
     #[test]

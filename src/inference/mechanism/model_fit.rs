@@ -7,7 +7,7 @@ use super::discrepancy::JointDiscrepancy;
 use super::linearization::{JointLinearization, Slot, Terms, declaration, slots};
 use super::recording::JointRecording;
 use crate::error::{Error, Result};
-use crate::inference::mixed_model::coordinates::orthonormalise;
+use crate::inference::mixed_model::coordinates::{orthonormalise, project_out};
 use crate::inference::mixed_model::group_statistics::{
     GroupStatistics, VarianceComponents, group_statistics,
 };
@@ -16,6 +16,7 @@ use crate::inference::mixed_model::random_design::RandomEffect;
 use crate::inference::selection::{FixedEffectsPrior, Laplace, marginal_evidence, profile_log_posterior};
 use crate::inference::statistics::median;
 use crate::progress::Progress;
+use crate::world::mechanism::JointTerm;
 
 /// Maximum number of Gauss-Newton steps, halvings of a step that decreases the posterior, and convergence tolerance, nats.
 const MAX_STEPS: usize = 12;
@@ -54,6 +55,15 @@ pub struct JointFit {
     pub statistics: Vec<GroupStatistics>,
     /// Whether a parameter is at a bound that the data would cross.
     pub is_at_bound: bool,
+}
+
+impl JointFit {
+    /// Whether it has all effects of a smaller fit.
+    pub fn contains(&self, small: &JointFit) -> bool {
+        let has =
+            |t: &JointTerm| self.terms.iter().any(|l| l.joint == t.joint && l.effect.name == t.effect.name);
+        self.terms.len() > small.terms.len() && small.terms.iter().all(has)
+    }
 }
 
 /// A point of the fit.
@@ -145,14 +155,14 @@ impl JointContext<'_, '_> {
     /// where a joint sticks and slips, promise by it more than their states can reach: these are searched.
     fn evaluate_settled(&self, terms: Terms, states: Vec<Vec<f64>>) -> Result<Option<JointIterate>> {
         let Some(first) = self.evaluate(terms, states)? else { return Ok(None) };
-        let promise = |(w, own): (usize, &JointLinearization)| {
-            let segment = &self.recording.segments[w];
-            let (nuisances, _) = orthonormalise(&self.recording.white(segment, &own.nuisances));
-            nuisances.tr_mul(&self.recording.white_column(segment, &own.residual)).norm_squared()
+        let promise = |block: &SegmentBlock| {
+            let segment = &self.recording.segments[block.segment];
+            let residual = &first.linearizations[block.segment].residual;
+            block.nuisances.tr_mul(&self.recording.white_column(segment, residual)).norm_squared()
         };
-        let promises = first.linearizations.iter().enumerate().map(promise);
+        let blocks = first.groups.iter().flat_map(|group| &group.blocks);
         let unsettled: Vec<usize> =
-            promises.enumerate().filter(|(_, promise)| *promise > STATE_PROMISE).map(|(w, _)| w).collect();
+            blocks.filter(|block| promise(block) > STATE_PROMISE).map(|block| block.segment).collect();
         if unsettled.is_empty() {
             return Ok(Some(first));
         }
@@ -285,10 +295,7 @@ impl JointContext<'_, '_> {
     fn block(&self, w: usize, terms: &Terms, own: &JointLinearization) -> SegmentBlock {
         let (recording, segment) = (self.recording, &self.recording.segments[w]);
         let (nuisances, _) = orthonormalise(&recording.white(segment, &own.nuisances));
-        let project_white = |white: &DMatrix<f64>| {
-            let along = nuisances.tr_mul(white);
-            white - &nuisances * along
-        };
+        let project_white = |white: &DMatrix<f64>| project_out(&nuisances, white);
         let project = |columns: &DMatrix<f64>| project_white(&recording.white(segment, columns));
         let parameters = project(&own.jacobian);
         let residual = project(&DMatrix::from_column_slice(own.residual.len(), 1, own.residual.as_slice()));

@@ -28,6 +28,8 @@ const WINDOW_PERIODS: f64 = 0.1;
 /// Half-width of the first window, observations, and the least one.
 const FIRST_HALF_WIDTH: usize = 5;
 const MIN_HALF_WIDTH: usize = 2;
+/// Least half range of positions of some joint, in units of the noise.
+const MIN_RANGE: f64 = 5.0;
 /// Standard deviation of a step of an initial state, in units of the range of positions and of the typical velocity.
 const STATE_PRIOR: f64 = 0.1;
 /// Length scale of the trial discrepancy as a share of a segment's duration.
@@ -121,6 +123,13 @@ impl<'a> JointRecording<'a> {
         }
         let noise: Vec<f64> = (0..joints).map(|j| noise_sd(trials, j)).collect();
         let scales = joint_scales(tree, trials, &segments)?;
+        if scales.iter().zip(&noise).all(|(own, noise)| own.range < MIN_RANGE * noise) {
+            return Err(Error::input(
+                "trials",
+                "no joint moves",
+                "a recording in which a joint moves by more than the noise",
+            ));
+        }
         let is_known = |j: usize| scene_terms.iter().any(|t| t.joint == j && t.effect.is_resolution());
         let resolution = |j: usize| encoder_resolution(trials, j, noise[j]).filter(|_| !is_known(j));
         let resolutions = (0..joints).map(resolution).collect();

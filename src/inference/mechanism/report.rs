@@ -15,6 +15,8 @@ use crate::task::joint::JointKind;
 use crate::task::scene::EffectTerm;
 use crate::world::mechanism::effect::REGISTRY;
 
+/// `format` of a report.
+pub const JOINT_DIAGNOSIS_FORMAT: &str = "iplw.joint_diagnosis/1";
 /// Half width of a 95 % and of a 90 % interval, standard deviations.
 const WIDTH_95: f64 = 1.96;
 
@@ -98,7 +100,10 @@ pub fn build(
         .first()
         .map_or(Vec::new(), |best| estimates(recording, &found.fits[*best], &inclusion));
     let names = |fit: &JointFit| {
-        fit.terms.iter().map(|t| name(recording, t.effect.name, t.joint)).collect::<Vec<String>>()
+        fit.terms
+            .iter()
+            .map(|t| effect_in_joint(t.effect.name, &recording.tree.names[t.joint]))
+            .collect::<Vec<String>>()
     };
     let mut rivals: Vec<Vec<String>> = decision.rivals.iter().map(|i| names(&found.fits[*i])).collect();
     let (mut verdict, mut none_probability) = (decision.verdict, decision.base_probability);
@@ -107,7 +112,7 @@ pub fn build(
         if verdict == Verdict::None {
             (verdict, rivals) = (Verdict::Named, vec![Vec::new()]);
         }
-        let name = format!("{} ({})", own.name, own.acts_on);
+        let name = effect_in_joint(&own.name, &own.acts_on);
         rivals.iter_mut().for_each(|set| set.push(name.clone()));
         inclusion.insert(0, (name, 1.0));
         effects.push(own);
@@ -129,7 +134,7 @@ pub fn build(
     };
     scores.insert(scores.partition_point(|s| s.score > base.score), base);
     JointDiagnosis {
-        format: "iplw.joint_diagnosis/1".into(),
+        format: JOINT_DIAGNOSIS_FORMAT.into(),
         verdict,
         reason: reason(verdict, decision, &rivals),
         rivals,
@@ -172,9 +177,14 @@ fn unit(of_revolute: &str, kind: JointKind) -> String {
     }
 }
 
-/// `effect (joint)`.
-fn name(recording: &JointRecording, effect: &str, joint: usize) -> String {
-    format!("{effect} ({})", recording.tree.names[joint])
+/// An effect in a joint as reports name it.
+pub fn effect_in_joint(effect: &str, joint: &str) -> String {
+    format!("{effect} ({joint})")
+}
+
+/// The effect and the joint of such a name.
+pub fn parse_effect_in_joint(name: &str) -> Option<(&str, &str)> {
+    name.strip_suffix(')')?.split_once(" (")
 }
 
 /// Inclusion probabilities of all effects in joints, most probable first.
@@ -186,7 +196,7 @@ fn inclusion(
     let mut all: Vec<(String, f64)> = Vec::new();
     for (fit, probability) in found.fits.iter().zip(&decision.probabilities) {
         for term in &fit.terms {
-            let own = name(recording, term.effect.name, term.joint);
+            let own = effect_in_joint(term.effect.name, &recording.tree.names[term.joint]);
             match all.iter_mut().find(|(known, _)| *known == own) {
                 Some((_, sum)) => *sum += probability,
                 None => all.push((own, *probability)),
@@ -204,7 +214,7 @@ fn estimates(
 ) -> Vec<JointEffectEstimate> {
     let slots = slots(&fit.terms);
     let of = |(t, term): (usize, &crate::world::mechanism::JointTerm)| {
-        let own = name(recording, term.effect.name, term.joint);
+        let own = effect_in_joint(term.effect.name, &recording.tree.names[term.joint]);
         let parameters =
             term.effect.parameters.iter().zip(&term.values).enumerate().map(|(p, (declared, value))| {
                 let slot = slots.iter().position(|slot| slot.term == t && slot.parameter == p);

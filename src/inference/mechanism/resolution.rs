@@ -46,7 +46,7 @@ mod tests {
     use super::*;
     use crate::world::mechanism::Commands;
 
-    fn found(of: impl Fn(f64) -> f64) -> Option<EncoderResolution> {
+    fn resolution_of(of: impl Fn(f64) -> f64) -> Option<EncoderResolution> {
         let times: Vec<f64> = (0..500).map(|i| f64::from(i) * 0.01).collect();
         let positions =
             times.iter().map(|t| vec![of(libm::sin(3.0 * t) + 0.3 * libm::sin(17.0 * t))]).collect();
@@ -58,13 +58,13 @@ mod tests {
     fn a_grid_is_found_from_printed_positions() {
         let step = std::f64::consts::TAU / 4096.0;
         let printed = |q: f64| (1e6 * step * (q / step).round()).round() / 1e6;
-        let own = found(printed).unwrap();
+        let own = resolution_of(printed).unwrap();
         assert!((own.step - step).abs() < 1e-6, "{own:?}");
     }
 
     #[test]
     fn positions_on_no_grid_or_on_a_fine_one_have_no_resolution() {
-        assert_eq!(found(|q| q), None);
-        assert_eq!(found(|q| (1e4 * q).round() / 1e4), None);
+        assert_eq!(resolution_of(|q| q), None);
+        assert_eq!(resolution_of(|q| (1e4 * q).round() / 1e4), None);
     }
 }

@@ -20,7 +20,7 @@ const EXTENSIONS: usize = 6;
 /// Starts of a set that are fitted.
 const MAX_STARTS: usize = 3;
 /// Log posterior below the most probable set within which sets are compared again, nats.
-const NEAR: f64 = 20.0;
+const MAX_DISTANCE: f64 = 20.0;
 /// Effects of the richest model, in every joint that can have them.
 const RICHEST: [&str; 4] = ["viscous_friction", "coulomb_friction", "torque_offset", "motor_gain"];
 /// Plausible trial discrepancy as a share of the range of positions, and in units of the noise.
@@ -90,12 +90,12 @@ pub fn context<'a, 'b>(
         .map(|c| c.starts[0].clone())
         .collect();
     let richest = plain.fit(terms, recording.initial_states())?.ok_or_else(not_simulable)?;
-    plain.along(&richest)
+    plain.context_of(&richest)
 }
 
 impl<'a, 'b> JointContext<'a, 'b> {
     /// The context with the components and the discrepancy along the paths of a fit.
-    fn along(&self, fit: &JointFit) -> Result<JointContext<'a, 'b>> {
+    fn context_of(&self, fit: &JointFit) -> Result<JointContext<'a, 'b>> {
         let JointContext { recording, progress, .. } = *self;
         let discrepancy = discrepancy(recording, &fit.terms, &fit.states);
         let mut out = JointContext { discrepancy, components: self.components.clone(), ..*self };
@@ -117,22 +117,26 @@ impl<'a, 'b> JointContext<'a, 'b> {
     }
 }
 
-/// Compares the sets near the most probable one again, with the components and the discrepancy of that one: those of the richest model,
-/// which lacks most effects, are coarse. Other sets keep their distance to it.
+/// Compares the sets near the most probable one, and those that they contain, again with the components and the discrepancy of that one:
+/// those of the richest model, which lacks most effects, are coarse. Other sets keep their distance to it.
 pub fn refine<'a, 'b>(
     context: &JointContext<'a, 'b>,
     found: JointSearch,
 ) -> Result<(JointContext<'a, 'b>, JointSearch)> {
     let before = found.best();
     let best = found.ranked(|_| true).into_iter().find(|i| found.log_posterior[*i] >= before);
-    let context = context.along(best.map_or(&found.base, |i| &found.fits[i]))?;
+    let context = context.context_of(best.map_or(&found.base, |i| &found.fits[i]))?;
     let JointSearch { base, fits, log_posterior } = found;
     let again = |fit: &JointFit| context.fit(fit.terms.clone(), fit.states.clone());
-    let refined: Vec<Result<Option<JointFit>>> = fits
-        .par_iter()
+    let near: Vec<&JointFit> = fits
+        .iter()
         .zip(&log_posterior)
-        .map(|(fit, own)| if before - own < NEAR { again(fit) } else { Ok(None) })
+        .filter(|(_, own)| before - *own < MAX_DISTANCE)
+        .map(|(fit, _)| fit)
         .collect();
+    let is_compared = |fit: &JointFit| near.iter().any(|set| std::ptr::eq(*set, fit) || set.contains(fit));
+    let refined: Vec<Result<Option<JointFit>>> =
+        fits.par_iter().map(|fit| if is_compared(fit) { again(fit) } else { Ok(None) }).collect();
     let base = again(&base)?.ok_or_else(not_simulable)?;
     let mut out = JointSearch { base, fits: Vec::new(), log_posterior: Vec::new() };
     let mut far = Vec::new();

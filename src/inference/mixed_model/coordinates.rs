@@ -224,6 +224,11 @@ pub fn orthonormalise(columns: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
     (DMatrix::from_fn(columns.nrows(), basis.len(), |i, k| basis[k][i]), log_norms)
 }
 
+/// Columns without their parts in the span of an orthonormal basis.
+pub fn project_out(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    columns - basis * basis.tr_mul(columns)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

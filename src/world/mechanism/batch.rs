@@ -305,8 +305,11 @@ impl<'a> LaneCommands<'a> {
 struct Observer<'a> {
     rollout: &'a JointRollout<'a>,
     first_time: f64,
-    /// By joint: age of its measurements, and index of the next observation.
+    /// By joint: age of its measurements, s.
     lags: Vec<f64>,
+    /// By joint: whether an encoder changes its positions.
+    encoders: Vec<bool>,
+    /// By joint: index of the next observation.
     next: Vec<usize>,
     /// Time of the final state, s.
     last: Option<f64>,
@@ -322,6 +325,7 @@ impl<'a> Observer<'a> {
             rollout,
             first_time: rollout.first_time(),
             lags: (0..joints).map(|j| rollout.delays(j)[1]).collect(),
+            encoders: (0..joints).map(|j| rollout.has_encoder_effect(j)).collect(),
             next: vec![0; joints],
             last: rollout.times.last().map(|last| rollout.first_time() + last - rollout.start),
             due: 0.0,
@@ -365,7 +369,10 @@ impl<'a> Observer<'a> {
             while let Some(time) = self.rollout.times.get(self.next[j]).filter(|time| **time - lag <= end) {
                 let (position, velocity) = at(j, time - lag);
                 let k = self.next[j];
-                self.motion.positions[j][k] = self.rollout.measured(j, time - lag, [position, velocity]);
+                self.motion.positions[j][k] = match self.encoders[j] {
+                    true => self.rollout.measured(j, time - lag, [position, velocity]),
+                    false => position,
+                };
                 self.motion.velocities[j][k] = velocity;
                 self.next[j] += 1;
             }

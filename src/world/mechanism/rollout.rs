@@ -73,6 +73,11 @@ impl JointRollout<'_> {
         self.start - (0..self.tree.links.len()).map(|j| self.delays(j)[1]).fold(0.0, f64::max)
     }
 
+    /// Whether an effect of the encoder changes a joint's measured positions.
+    pub(super) fn has_encoder_effect(&self, joint: usize) -> bool {
+        self.terms.iter().any(|t| t.joint == joint && matches!(t.effect.law, JointLaw::Encoder(_)))
+    }
+
     /// Measured position of a joint at its actual state at `time`, s. A command that begins then does not act yet.
     pub(super) fn measured(&self, joint: usize, time: f64, [position, velocity]: [f64; 2]) -> f64 {
         let mut state = JointState { position, velocity, drive: 0.0, max_torque: 0.0 };

@@ -37,19 +37,32 @@ pub struct JointStop {
     pub damping: f64,
 }
 
-/// Phase of a link alone on a stop of default stiffness in a time step, rad.
+/// Phase of all that hangs on a joint, as one rigid body on a stop of default stiffness, in a time step, rad.
 const STOP_PHASE: f64 = 0.2;
 
 impl JointStop {
-    fn new(limits: &JointLimits, link: &Link, kind: JointKind, time_step: f64) -> JointStop {
-        let [x, y] = link.centre;
-        let inertia = match kind {
-            JointKind::Revolute => link.inertia + link.mass * (x * x + y * y),
-            JointKind::Prismatic => link.mass,
+    /// The stop of joint `j` of links with these joints and parents.
+    fn new(
+        limits: &JointLimits,
+        j: usize,
+        joints: &[&Joint],
+        parents: &[Option<usize>],
+        links: &[Link],
+        time_step: f64,
+    ) -> JointStop {
+        let hangs_on = |k: usize| std::iter::successors(Some(k), |k| parents[*k]).any(|k| k == j);
+        let inertia = |k: usize| {
+            let link = &links[k];
+            let [x, y] = [0, 1].map(|i| joints[k].anchor[i] + link.centre[i] - joints[j].anchor[i]);
+            match joints[j].kind {
+                JointKind::Revolute => link.inertia + link.mass * (x * x + y * y),
+                JointKind::Prismatic => link.mass,
+            }
         };
-        let stiffest = (inertia + link.armature) * (STOP_PHASE / time_step).powi(2);
+        let whole = (0..links.len()).filter(|k| hangs_on(*k)).map(inertia).sum::<f64>() + links[j].armature;
         let JointLimits { low, high, stiffness, damping } = *limits;
-        JointStop { low, high, stiffness: stiffness.unwrap_or(stiffest), damping }
+        let stiffness = stiffness.unwrap_or(whole * (STOP_PHASE / time_step).powi(2));
+        JointStop { low, high, stiffness, damping }
     }
 }
 
@@ -88,11 +101,12 @@ impl Tree {
         let parents: Vec<Option<usize>> = ordered.iter().map(|j| j.parent.as_ref().and_then(index)).collect();
         let links = ordered.iter().zip(&parents).map(|(joint, parent)| link(scene, joint, anchor(*parent)));
         let links = links.collect::<Result<Vec<Link>>>()?;
-        let stop = |(joint, link): (&&Joint, &Link)| {
-            joint.limits.map(|limits| JointStop::new(&limits, link, joint.kind, scene.time_step))
+        let stop = |(j, joint): (usize, &&Joint)| {
+            let limits = joint.limits.as_ref()?;
+            Some(JointStop::new(limits, j, &ordered, &parents, &links, scene.time_step))
         };
         Ok(Tree {
-            stops: ordered.iter().zip(&links).map(stop).collect(),
+            stops: ordered.iter().enumerate().map(stop).collect(),
             links,
             names: ordered.iter().map(|j| j.name.clone()).collect(),
             kinds: ordered.iter().map(|j| j.kind).collect(),

@@ -28,29 +28,34 @@ async function setup(place: HTMLElement, context: Context): Promise<void> {
   const { tasks } = await ok(api.GET("/v1/control/tasks", { signal: context.signal }));
   let scene = mechanismOf(structuredClone(tasks[0]?.scene));
   let [file, trials]: [{ name: string; text: string } | null, JointTrial[]] = [null, []];
+  let panel = new AbortController();
   const [form, pane] = [h("div"), h("div", { class: "stack" })];
   const run = h("button", { type: "button", class: "main" }, "Run the diagnosis");
   const hint = h("span", { class: "soft" });
   const draw = (): void => {
     run.disabled = !scene || !file;
     put(hint, file ? null : "Load a recording first.");
+    // The player and the plots of the panel before end.
+    panel.abort();
+    panel = new AbortController();
     if (!scene) return;
-    put(pane, file ? trialPanel(scene, trials, context) : mechanismPicture(scene, reach(scene, {})).svg);
+    const signal = AbortSignal.any([context.signal, panel.signal]);
+    put(pane, file ? trialPanel(scene, trials, { ...context, signal }) : mechanismPicture(scene, reach(scene, {})).svg);
   };
-  const use = (found: Mechanism): void => {
-    [scene, file, trials] = [found, null, []];
-    put(form, jointForm(found, () => file || draw()));
+  const use = (mechanism: Mechanism): void => {
+    [scene, file, trials] = [mechanism, null, []];
+    put(form, jointForm(mechanism, () => file || draw()));
     draw();
   };
   const task = choice("Mechanism", [...tasks.map((t) => [t.name, t.about] as const), ["", "from a file"]], tasks[0]?.name ?? "", (name) => {
-    const found = mechanismOf(structuredClone(tasks.find((t) => t.name === name)?.scene));
-    if (found) use(found);
+    const mechanism = mechanismOf(structuredClone(tasks.find((t) => t.name === name)?.scene));
+    if (mechanism) use(mechanism);
   });
   const openScene = fileButton("Open a scene (JSON)", ".json,application/json", async (name, text) => {
-    const found = mechanismOf(parseJson(name, text));
-    if (!found) throw new FileError(name, "it is not a scene with joints (iplw.scene/2)");
+    const mechanism = mechanismOf(parseJson(name, text));
+    if (!mechanism) throw new FileError(name, "it is not a scene with joints (iplw.scene/2)");
     task.input.value = "";
-    use(found);
+    use(mechanism);
   }, context);
   const openRecording = fileButton("Load a recording (CSV)", ".csv,text/csv", async (name, text) => {
     if (!scene) return;

@@ -47,16 +47,16 @@ export function unit(joint: Joint): string {
 export function frames(scene: Mechanism, positions: Readonly<Record<string, number>>): Map<string, Frame> {
   const out = new Map<string, Frame>();
   const frame = (joint: Joint): Frame => {
-    const known = out.get(joint.name);
-    if (known) return known;
+    const cached = out.get(joint.name);
+    if (cached) return cached;
     const parent = scene.joints.find((other) => other.body === joint.parent);
     const on: Frame = parent ? frame(parent) : { origin: [0, 0], angle: 0 };
     const from = parent ? parent.anchor : ([0, 0] as Point);
     const q = positions[joint.name] ?? joint.position ?? 0;
     const axis = joint.axis ?? [0, 0];
     const length = Math.hypot(...axis) || 1;
-    const along = joint.kind === "prismatic" ? q : 0;
-    const arm: Point = [joint.anchor[0] - from[0] + (along * axis[0]) / length, joint.anchor[1] - from[1] + (along * axis[1]) / length];
+    const shift = joint.kind === "prismatic" ? q / length : 0;
+    const arm: Point = [joint.anchor[0] - from[0] + shift * axis[0], joint.anchor[1] - from[1] + shift * axis[1]];
     const own = { origin: moved(on, arm), angle: on.angle + (joint.kind === "revolute" ? q : 0) };
     out.set(joint.name, own);
     return own;
@@ -88,9 +88,9 @@ export function reach(scene: Mechanism, slides: Readonly<Record<string, readonly
   }, 0.25);
   const roots = scene.joints.filter((j) => !j.parent);
   const ends = roots.flatMap((j) => {
-    const along = j.kind === "prismatic" ? [Math.min(-0.5, ...(slides[j.name] ?? [])), Math.max(0.5, ...(slides[j.name] ?? []))] : [0];
+    const shifts = j.kind === "prismatic" ? [Math.min(-0.5, ...(slides[j.name] ?? [])), Math.max(0.5, ...(slides[j.name] ?? []))] : [0];
     const axis = j.axis ?? [0, 0];
-    return along.map((q): Point => [j.anchor[0] + q * axis[0], j.anchor[1] + q * axis[1]]);
+    return shifts.map((q): Point => [j.anchor[0] + q * axis[0], j.anchor[1] + q * axis[1]]);
   });
   const [xs, ys] = [ends.map((p) => p[0]), ends.map((p) => p[1])];
   return [Math.min(...xs) - radius, Math.min(...ys) - radius, Math.max(...xs) + radius, Math.max(...ys) + radius];
